@@ -1,0 +1,1 @@
+"""Optimal identification, diagnosis and control of piezoelectric actuators."""

@@ -1,0 +1,384 @@
+"""From a model to CasADi functions: the assembler.
+
+Effects give values; *rates are the assembler's*. Every signal and every state's rate is a
+placeholder while effects are asked for their equations; afterwards the definitions are put in
+order and substituted. A definition that needs itself is an algebraic loop, which is refused by
+name. So there is no build order to discover and no effect differentiates a signal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, final
+
+import casadi as ca
+
+from piezo_opt.effects.base import Chain, Equations, Place, Signal, Symbols
+from piezo_opt.effects.model import Model
+from piezo_opt.errors import ModelError
+from piezo_opt.symbolic import Expression
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class System:
+    """A model as CasADi functions of one instant.
+
+    With t [s], states x, command u [V] and its rate, channels c and their rates, parameters p
+    (all columns, SI units):
+
+    Attributes:
+        parameter_names: order of p.
+        state_names: order of x, ``"creep.z[0]"`` for elements of a column.
+        state_units: SI unit of each state.
+        channel_names: order of c.
+        constants: parameters folded into the expressions, with their values.
+        rate: ``(t, x, u, du, c, dc, p) -> x'``.
+        reading: ``(t, x, u, du, c, dc, p) -> y`` [m].
+        signals: ``(t, x, u, du, c, dc, p) -> (v, v', h, s, s', x, x')`` stacked.
+        start: ``(t, u, c, p, deviation) -> x`` at rest, plus the deviation, carried downstream.
+        becomes: ``(t, x, u, c, p) -> x`` after a monotone stretch, None if no state jumps.
+        delay: ``(p) -> T`` [s], None without a delay.
+    """
+
+    model: Model
+    parameter_names: tuple[str, ...]
+    state_names: tuple[str, ...]
+    state_units: tuple[str, ...]
+    channel_names: tuple[str, ...]
+    constants: Mapping[str, float]
+    rate: ca.Function
+    reading: ca.Function
+    signals: ca.Function
+    start: ca.Function
+    becomes: ca.Function | None
+    delay: ca.Function | None
+
+
+def folded(model: Model, runtime: Sequence[str] = ()) -> dict[str, float]:
+    """Parameters that are constants of the code: declared fixed and not asked for at run time."""
+    return {k: p.nominal for k, p in model.parameters.items() if p.fixed and k not in runtime}
+
+
+def assemble(model: Model, constants: Mapping[str, float] | None = None) -> System:
+    """Write the model's equations as CasADi functions.
+
+    Args:
+        model: a sum of effects.
+        constants: parameters folded into the expressions; by default those declared fixed, at
+            their nominal values.
+
+    Raises:
+        ModelError: an effect's needs are not met, or signals depend on themselves.
+    """
+    chosen = folded(model) if constants is None else dict(constants)
+    return _assemble(model, tuple(sorted(chosen.items())))
+
+
+@lru_cache(maxsize=256)
+def _assemble(model: Model, constants: tuple[tuple[str, float], ...]) -> System:
+    return _Assembler(model, dict(constants)).system()
+
+
+@final
+class _Assembler:
+    """Collects definitions of placeholders, then substitutes them in order."""
+
+    def __init__(self, model: Model, constants: Mapping[str, float]) -> None:
+        self.model = model
+        self.constants = constants
+        channels = {
+            need.removeprefix("channel:")
+            for _, effect in model
+            for need in effect.requires
+            if need.startswith("channel:")
+        }
+        self.channel_names = tuple(sorted(channels))
+        for name, effect in model:
+            refusal = model.refusal(effect, self.channel_names)
+            if refusal is not None:
+                raise ModelError(f"{name}: {refusal}")
+        self.time = ca.SX.sym("t")
+        self.command = Signal(ca.SX.sym("u"), ca.SX.sym("du"))
+        self.channels = {
+            n: Signal(ca.SX.sym(n), ca.SX.sym(f"d_{n}")) for n in self.channel_names
+        }
+        self.p = {n: ca.SX.sym(n) for n in model.parameters if n not in constants}
+        self.x = {
+            f"{n}.{s}": ca.SX.sym(f"{n}.{s}", size)
+            for n, e in model
+            for s, size in e.states.items()
+        }
+        self.dx = {n: ca.SX.sym(f"d_{n}", s.numel()) for n, s in self.x.items()}
+        self.drive = _signal("drive")
+        self.free = _signal("free")
+        self.acceleration = ca.SX.sym("acceleration")
+        self.moves: dict[str, Expression] = {}
+        self.starts: dict[str, Expression] = {}
+        self.becomes: dict[str, Expression] = {}
+        self.delays: list[Expression] = []
+        self.incoming_rates: list[tuple[Expression, Expression]] = []
+        self.loop_state = self._flagged("loop")
+        self.position_state = self._flagged("position")
+        self.velocity_state = self._flagged("velocity")
+
+    def _flagged(self, role: str) -> str | None:
+        for name, effect in self.model:
+            for state, declared in effect.declared_states.items():
+                if getattr(declared, role):
+                    return f"{name}.{state}"
+        return None
+
+    def _chain(self, incoming: Signal) -> Chain:
+        if self.position_state is None or self.velocity_state is None:
+            position = self.free
+        else:
+            position = Signal(self.x[self.position_state], self.x[self.velocity_state])
+        loop = self.loop_state
+        return Chain(
+            time=self.time,
+            command=self.command,
+            incoming=incoming,
+            drive=self.drive,
+            hysteresis=ca.SX(0.0) if loop is None else self.x[loop],
+            free=self.free,
+            position=position,
+            acceleration=self.acceleration,
+            channels=self.channels,
+        )
+
+    def _ask(self, name: str, incoming: Signal) -> Expression:
+        effect = self.model[name]
+        own_p = Symbols(
+            **{
+                k: (
+                    ca.SX(self.constants[f"{name}.{k}"])
+                    if f"{name}.{k}" in self.constants
+                    else self.p[f"{name}.{k}"]
+                )
+                for k in effect.parameters
+            }
+        )
+        own_x = Symbols(**{k: self.x[f"{name}.{k}"] for k in effect.states})
+        said: Equations = effect.equations(self._chain(incoming), own_x, own_p)
+        for what, into in (
+            (said.moves, self.moves),
+            (said.starts, self.starts),
+            (said.becomes, self.becomes),
+        ):
+            for state, expression in what.items():
+                if state not in effect.states:
+                    raise ModelError(
+                        f"{name}: equations() moves '{state}', which is not a declared state; "
+                        f"declare {state} = State(...) in the class body."
+                    )
+                into[f"{name}.{state}"] = self._column(f"{name}.{state}", expression)
+        for state in effect.states:
+            if state not in said.moves and state not in said.becomes:
+                raise ModelError(
+                    f"{name}: state '{state}' neither moves nor becomes; "
+                    "return its rate in Equations(moves=...)."
+                )
+        if not isinstance(said.delays, float | int):
+            self.delays.append(said.delays)
+        return said.gives
+
+    def _column(self, state: str, expression: Expression) -> ca.SX:
+        column = ca.SX(expression)
+        wanted = self.x[state].numel()
+        if column.numel() == 1 and wanted > 1:
+            return ca.repmat(column, wanted, 1)
+        if column.numel() != wanted:
+            raise ModelError(
+                f"{state}: equations() returned {column.numel()} elements, the state has {wanted}."
+            )
+        return ca.reshape(column, wanted, 1)
+
+    def _line(self, place: Place, value: Expression, rate: Expression) -> Expression:
+        signal = Signal(value, rate)
+        for index, (name, _) in enumerate(self.model.at(place)):
+            value = ca.SX(self._ask(name, signal))
+            outgoing_rate = ca.SX.sym(f"rate_{place.name}_{index}")
+            self.incoming_rates.append((outgoing_rate, value))
+            signal = Signal(value, outgoing_rate)
+        return signal.value
+
+    def _sum(self, place: Place) -> Expression:
+        total = ca.SX(0.0)
+        for name, _ in self.model.at(place):
+            total += self._ask(name, self.drive)
+        return total
+
+    def system(self) -> System:
+        drive = self._line(Place.INPUT, self.command.value, self.command.rate)
+        loop = self._sum(Place.LOOP)
+        free = self._sum(Place.STRAIN)
+        motion = self._sum(Place.MOTION)
+        chain = self._chain(self.command)
+        reading = self._line(Place.OUTPUT, chain.position.value, chain.position.rate)
+        if self.loop_state is not None:
+            # A law that jumps along the drive has no rate for other effects to add to.
+            if self.loop_state in self.moves:
+                self.moves[self.loop_state] = self.moves[self.loop_state] + loop
+            elif self.model.at(Place.LOOP):
+                names = ", ".join(n for n, _ in self.model.at(Place.LOOP))
+                raise ModelError(
+                    f"{names}: the hysteresis law {self.model.loop} has no rate to add to; "
+                    "use a differential law such as BoucWen()."
+                )
+        if not self.model.quasi_static and not self.model.at(Place.MOTION):
+            raise ModelError("The model has a position but nothing moves it: add SecondOrder().")
+
+        values = {"drive": (self.drive.value, drive), "free": (self.free.value, free)}
+        resolve_values = _in_order(values)
+        total_rate = self._total_rate(resolve_values)
+        rates = {
+            "rate of the drive": (self.drive.rate, total_rate(drive)),
+            "rate of the free displacement": (self.free.rate, total_rate(free)),
+            "acceleration": (self.acceleration, resolve_values(motion)),
+        }
+        for symbol, value in self.incoming_rates:
+            rates[symbol.name()] = (symbol, total_rate(value))
+        for name, symbol in self.dx.items():
+            move = self.moves.get(name, ca.SX.zeros(symbol.numel(), 1))
+            rates[f"rate of {name}"] = (symbol, resolve_values(move))
+        resolve_rates = _in_order(rates)
+
+        def resolve(expression: Expression) -> Expression:
+            return resolve_rates(resolve_values(ca.SX(expression)))
+
+        x = ca.vertcat(*self.x.values()) if self.x else ca.SX(0, 1)
+        c = ca.vertcat(*(s.value for s in self.channels.values())) if self.channels else ca.SX(0, 1)
+        dc = ca.vertcat(*(s.rate for s in self.channels.values())) if self.channels else ca.SX(0, 1)
+        p = ca.vertcat(*self.p.values()) if self.p else ca.SX(0, 1)
+        instant = [self.time, x, self.command.value, self.command.rate, c, dc, p]
+        dx = ca.vertcat(*self.dx.values()) if self.dx else ca.SX(0, 1)
+        signals = ca.vertcat(
+            self.drive.value, self.drive.rate, chain.hysteresis,
+            self.free.value, self.free.rate, chain.position.value, chain.position.rate,
+        )  # fmt: skip
+        jump: ca.Function | None = None
+        if self.becomes:
+            after = ca.vertcat(*(self.becomes.get(n, s) for n, s in self.x.items()))
+            jump = ca.Function(
+                "po_becomes", [self.time, x, self.command.value, c, p], [resolve(after)]
+            )
+        units = [
+            e.declared_states[s].unit
+            for _, e in self.model
+            for s, size in e.states.items()
+            for _ in range(size)
+        ]
+        return System(
+            model=self.model,
+            parameter_names=tuple(self.p),
+            state_names=tuple(
+                name if s.numel() == 1 else f"{name}[{i}]"
+                for name, s in self.x.items()
+                for i in range(s.numel())
+            ),
+            state_units=tuple(units),
+            channel_names=self.channel_names,
+            constants=dict(self.constants),
+            rate=ca.Function("po_rate", instant, [resolve(dx)]),
+            reading=ca.Function("po_reading", instant, [resolve(reading)]),
+            signals=ca.Function("po_signals", instant, [resolve(signals)]),
+            start=self._start(resolve_values, x, c, p),
+            becomes=jump,
+            delay=(
+                ca.Function("po_delay", [p], [sum(self.delays, ca.SX(0.0))])
+                if self.delays
+                else None
+            ),
+        )
+
+    def _total_rate(
+        self, resolve: Callable[[Expression], Expression]
+    ) -> Callable[[Expression], Expression]:
+        """Chain rule in time: states, command, channels and time itself all move."""
+        arguments = [self.time, self.command.value, *self.x.values()]
+        rates = [ca.SX(1.0), self.command.rate, *self.dx.values()]
+        for signal in self.channels.values():
+            arguments.append(signal.value)
+            rates.append(signal.rate)
+
+        def rate(value: Expression) -> Expression:
+            return ca.jtimes(resolve(ca.SX(value)), ca.vertcat(*arguments), ca.vertcat(*rates))
+
+        return rate
+
+    def _start(
+        self, resolve: Callable[[Expression], Expression], x: ca.SX, c: ca.SX, p: ca.SX
+    ) -> ca.Function:
+        deviation = ca.SX.sym("deviation", x.numel())
+        definitions: dict[str, tuple[Expression, Expression]] = {}
+        offset = 0
+        for name, symbol in self.x.items():
+            size = symbol.numel()
+            start = ca.SX(self.starts.get(name, ca.SX.zeros(size, 1)))
+            value = resolve(start) + deviation[offset : offset + size]
+            definitions[f"start of {name}"] = (symbol, value)
+            offset += size
+        at_rest = _in_order(definitions)(x)
+        still = [self.command.rate, *self.dx.values(), *(s.rate for s in self.channels.values())]
+        at_rest = ca.substitute([at_rest], still, [ca.SX.zeros(s.shape) for s in still])[0]
+        return ca.Function(
+            "po_start", [self.time, self.command.value, c, p, deviation], [at_rest]
+        )
+
+
+def _signal(name: str) -> Signal:
+    return Signal(ca.SX.sym(name), ca.SX.sym(f"rate_of_{name}"))
+
+
+def _in_order(
+    definitions: Mapping[str, tuple[Any, Any]],
+) -> Callable[[Expression], Expression]:
+    """A function that replaces every placeholder by its definition, in dependency order."""
+    owners = {
+        element.__hash__(): label
+        for label, (symbol, _) in definitions.items()
+        for element in ca.symvar(symbol)
+    }
+    needs = {
+        label: [owners[e.__hash__()] for e in ca.symvar(ca.SX(value)) if e.__hash__() in owners]
+        for label, (_, value) in definitions.items()
+    }
+    order: list[str] = []
+    visiting: list[str] = []
+
+    def visit(label: str) -> None:
+        if label in order:
+            return
+        if label in visiting:
+            circle = " -> ".join([*visiting[visiting.index(label) :], label])
+            raise ModelError(
+                f"The effects form an algebraic loop: {circle}; let one of them act through a "
+                "state (a lag)."
+            )
+        visiting.append(label)
+        for need in needs[label]:
+            visit(need)
+        visiting.pop()
+        order.append(label)
+
+    for label in definitions:
+        visit(label)
+    known: list[Any] = []
+    closed: list[Any] = []
+    for label in order:
+        symbol, value = definitions[label]
+        expression = ca.SX(value)
+        if known:
+            expression = ca.substitute([expression], known, closed)[0]
+        known.append(symbol)
+        closed.append(ca.densify(expression))
+
+    def resolve(expression: Expression) -> Expression:
+        if not known:
+            return expression
+        return ca.substitute([ca.SX(expression)], known, closed)[0]
+
+    return resolve

@@ -1,0 +1,274 @@
+"""What an effect is: a place in the chain, its states, its parameters, and one pure method.
+
+The chain (DESIGN of the package)::
+
+    command -- INPUT line [V] --> drive -- LOOP balance [m/s] --> hysteretic displacement
+            -- STRAIN balance [m] --> free displacement -- MOTION balance [m/s2] --> position
+            -- OUTPUT line [m] --> reading
+
+On a *line* effects act one after another in the order written; on a *balance* contributions add
+and their order cannot matter.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from enum import Enum
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, ClassVar, final
+
+from piezo_opt.errors import ModelError
+from piezo_opt.symbolic import Expression
+
+if TYPE_CHECKING:
+    from piezo_opt.effects.model import Model
+
+
+class Place(Enum):
+    """Where in the chain an effect acts, in the order of the chain."""
+
+    INPUT = "input line"
+    LOOP = "loop balance"
+    STRAIN = "strain balance"
+    MOTION = "motion balance"
+    OUTPUT = "output line"
+
+    @property
+    def is_line(self) -> bool:
+        """Whether effects act one after another here (else their contributions add)."""
+        return self in (Place.INPUT, Place.OUTPUT)
+
+    @property
+    def unit(self) -> str:
+        """Unit of what an effect gives its place; V stands for the drive's unit."""
+        return {"input line": "V", "loop balance": "m/s", "strain balance": "m",
+                "motion balance": "m/s^2", "output line": "m"}[self.value]  # fmt: skip
+
+
+@final
+@dataclass(frozen=True)
+class Parameter:
+    """Declaration of one number of an effect, in SI units.
+
+    Attributes:
+        unit: SI unit in terms of m, s, V, K, rad; ``"1"`` for none, e.g. ``"m/V"``.
+        meaning: what it is, in a few words.
+        nominal: value used where the user gives none.
+        bounds: physically possible range, (-inf, inf) where there is none.
+        typical: range seen in practice: start values and search grids are drawn from it.
+        null: on the gate of an optional effect: the value at which the effect vanishes.
+        fixed: kept at its value unless the user frees it; folded into the compiled code.
+        per_record: a campaign estimates one value for every record.
+    """
+
+    unit: str
+    meaning: str
+    nominal: float
+    bounds: tuple[float, float] = (-float("inf"), float("inf"))
+    typical: tuple[float, float] | None = None
+    null: float | None = None
+    fixed: bool = False
+    per_record: bool = False
+
+    def __post_init__(self) -> None:
+        low, high = self.bounds
+        if not low < high or not low <= self.nominal <= high:
+            raise ModelError(
+                f"Parameter '{self.meaning}': nominal {self.nominal} is outside its bounds "
+                f"{self.bounds}; declare bounds as (low, high) around the nominal value."
+            )
+        if self.null is not None and not low <= self.null <= high:
+            raise ModelError(
+                f"Parameter '{self.meaning}': null {self.null} is outside its bounds {self.bounds}."
+            )
+
+    @property
+    def scale(self) -> float:
+        """A positive size of the parameter, by which solvers scale it."""
+        if self.typical is not None:
+            size = max(abs(self.typical[0]), abs(self.typical[1]))
+        else:
+            size = abs(self.nominal)
+        return size if size > 0 else 1.0
+
+
+@final
+@dataclass(frozen=True)
+class State:
+    """Declaration of one state (or a column of ``size`` equal ones) of an effect.
+
+    Attributes:
+        unit: SI unit.
+        meaning: what it is, in a few words.
+        size: number of elements, or the name of the effect's option that holds it.
+        loop: the hysteretic displacement itself, whose rate the LOOP balance adds to.
+        position: the position of the mechanics; a chain without one is quasi-static.
+        velocity: the velocity of the mechanics.
+    """
+
+    unit: str
+    meaning: str
+    size: int | str = 1
+    loop: bool = False
+    position: bool = False
+    velocity: bool = False
+
+
+@final
+@dataclass(frozen=True)
+class Signal:
+    """A signal of the chain and its time derivative."""
+
+    value: Expression
+    rate: Expression
+
+
+@final
+@dataclass(frozen=True)
+class Chain:
+    """What an effect may read. Signals are upstream of its place; states are free to read.
+
+    Attributes:
+        time: time of the record [s].
+        command: the recorded drive [V] and its rate.
+        incoming: on a line: the signal as the effect before left it.
+        drive: end of the INPUT line [V].
+        hysteresis: the hysteretic displacement h of the model's loop [m] (0 without one).
+        free: free displacement s, the sum of the STRAIN balance [m], and its rate.
+        position: position x [m] and velocity x' [m/s]; equal to ``free`` when quasi-static.
+        acceleration: x'' [m/s^2]: the MOTION balance; only for rates of states.
+        channels: further recorded channels by name, e.g. ``"temperature"`` [K].
+    """
+
+    time: Expression
+    command: Signal
+    incoming: Signal
+    drive: Signal
+    hysteresis: Expression
+    free: Signal
+    position: Signal
+    acceleration: Expression
+    channels: Mapping[str, Signal]
+
+
+@final
+@dataclass(frozen=True)
+class Equations:
+    """What an effect gives its place and how its own states move.
+
+    Attributes:
+        gives: on a balance, what is added; on a line, the outgoing signal.
+        moves: time derivative of each own state, by name.
+        starts: value of own states at rest at the start of a record (0 where not named).
+        becomes: states that jump instead of flowing: their value after a monotone stretch of
+            the drive, from their value before and the signals at its end (play operators).
+        delays: seconds by which the whole chain lags the command (only ``Delay``).
+    """
+
+    gives: Expression
+    moves: Mapping[str, Expression] = field(default_factory=dict)
+    starts: Mapping[str, Expression] = field(default_factory=dict)
+    becomes: Mapping[str, Expression] = field(default_factory=dict)
+    delays: Expression = 0.0
+
+
+class Symbols(SimpleNamespace):
+    """Own symbols of an effect by attribute: ``p.alpha``, ``x.h``."""
+
+    def __getattr__(self, name: str) -> Expression:
+        raise ModelError(f"'{name}' is not declared in the effect's class body.")
+
+
+class Effect(ABC):
+    """A small final class: place, states, parameters, and :meth:`equations`.
+
+    Subclasses are ``@final @dataclass(frozen=True)``; annotated fields are structural options
+    (for instance the number of elements of a chain), everything else is declared with
+    :class:`Parameter` and :class:`State`.
+    """
+
+    place: ClassVar[Place]
+    structural: ClassVar[bool] = False
+    """Structural effects make up the base model and need no gate."""
+    requires: ClassVar[tuple[str, ...]] = ()
+    """What the chain must hold: ``"loop"``, ``"motion"`` or ``"channel:NAME"``."""
+
+    _parameters: ClassVar[Mapping[str, Parameter]]
+    _states: ClassVar[Mapping[str, State]]
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        body = cls.__dict__
+        cls._parameters = {k: v for k, v in body.items() if isinstance(v, Parameter)}
+        cls._states = {k: v for k, v in body.items() if isinstance(v, State)}
+        if not isinstance(body.get("place"), Place):
+            raise ModelError(f"Effect {cls.__name__} declares no place: write place = Place.STRAIN.")
+        gates = [k for k, v in cls._parameters.items() if v.null is not None]
+        if not cls.structural and len(gates) != 1:
+            raise ModelError(
+                f"Effect {cls.__name__} has {len(gates)} gates ({', '.join(gates) or 'none'}); "
+                "an optional effect has exactly one parameter with a null value."
+            )
+
+    @abstractmethod
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """The physics: read ``chain``, own states ``x`` and parameters ``p``; no side effects."""
+
+    @property
+    def name(self) -> str:
+        """The snake_case name that commands, JSON and tables use."""
+        return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", type(self).__name__).lower()
+
+    @property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """Declared parameters by name, in the order written."""
+        return self._parameters
+
+    @property
+    def states(self) -> Mapping[str, int]:
+        """Number of elements of each declared state, by name, in the order written."""
+        return {
+            name: (getattr(self, s.size) if isinstance(s.size, str) else s.size)
+            for name, s in self._states.items()
+        }
+
+    @property
+    def declared_states(self) -> Mapping[str, State]:
+        """Declarations of the states by name."""
+        return self._states
+
+    @property
+    def gate(self) -> str | None:
+        """Name of the parameter whose null value makes the effect vanish; None if structural."""
+        return next((k for k, v in self._parameters.items() if v.null is not None), None)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Structural options (the dataclass fields) by name."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+
+    @property
+    def summary(self) -> str:
+        """First line of the docstring."""
+        return (inspect.getdoc(type(self)) or "").split("\n", 1)[0]
+
+    @property
+    def equation(self) -> str:
+        """The indented block of the docstring: the equation as printed."""
+        lines = (inspect.getdoc(type(self)) or "").splitlines()[1:]
+        block: list[str] = []
+        for line in lines:
+            if line.startswith("    "):
+                block.append(line.strip())
+            elif line.strip() and block:
+                break
+        return "\n".join(block)
+
+    def __add__(self, other: Effect | Model) -> Model:
+        from piezo_opt.effects.model import Model
+
+        return Model.of(self) + other
