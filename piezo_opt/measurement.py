@@ -583,20 +583,25 @@ def _candidate_steps(levels: FloatArray) -> FloatArray:
 
 
 def _tuned_grid(levels: FloatArray, counts: FloatArray, near: float) -> tuple[float, float]:
-    """Step and offset of the grid within 3 % of ``near`` that most samples agree with.
+    """Step and offset of the grid within 3 % of ``near`` that most samples lie on.
 
-    Agreement is |mean exp(2 pi i y / q)|, 1 on a perfect grid. The scan is fine enough that the
-    last level moves by a twentieth of a cell from one trial to the next; least squares on the
-    samples that lie on the grid then removes what is left.
+    Each trial grid goes through one of the most frequent levels. A sample counts by how close to
+    the grid it lies and not at all beyond 6 % of a cell, so that the samples that lie on no grid
+    have no say. From one trial to the next the last level moves by a twentieth of a cell; least
+    squares removes what is left.
     """
     some = np.unique(np.linspace(0, levels.size - 1, 400).astype(np.int64))
     trials = near * np.linspace(0.97, 1.03, 3 + int(1.2 * levels[-1] / near))
-    turns = np.exp(2j * np.pi * np.outer(1.0 / trials, levels[some])) @ counts[some]
-    best = int(np.argmax(np.abs(turns)))
-    step = float(trials[best])
-    offset = float(np.angle(turns[best])) / (2.0 * np.pi) * step
+    best, step, offset = -1.0, near, 0.0
+    for anchor in levels[np.argsort(-counts, kind="stable")[:5]]:
+        cells = (levels[some] - anchor) / trials[:, np.newaxis]
+        closeness = np.maximum(0.0, 1.0 - ((cells - np.round(cells)) / 0.06) ** 2)
+        agreement = closeness @ counts[some]
+        winner = int(np.argmax(agreement))
+        if agreement[winner] > best:
+            best, step, offset = float(agreement[winner]), float(trials[winner]), float(anchor)
     index = np.round((levels - offset) / step)
-    used = np.abs(levels - offset - index * step) <= 0.15 * step
+    used = np.abs(levels - offset - index * step) <= 0.06 * step
     if np.unique(index[used]).size >= 2:
         slope, intercept = np.polyfit(index[used], levels[used], 1, w=np.sqrt(counts[used]))
         return float(slope), float(intercept)
@@ -681,7 +686,7 @@ def _resampled(record: Measurement, step: float) -> Measurement:
     time = record.time[0] + step * np.arange(count)
 
     def moved(values: FloatArray) -> FloatArray:
-        return np.interp(time, record.time, values)
+        return np.asarray(np.interp(time, record.time, values), dtype=np.float64)
 
     def held(values: FloatArray) -> FloatArray:
         at = np.searchsorted(record.time, time + 1e-9 * record.step, side="right") - 1
