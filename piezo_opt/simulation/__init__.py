@@ -1,0 +1,9 @@
+"""Simulation: schedule, scheme, the compiled core, and what comes out."""
+
+from piezo_opt.simulation.accuracy import Accuracy, Substeps
+from piezo_opt.simulation.scheme import INITIAL
+from piezo_opt.simulation.simulate import TOLERANCE, Initial, Response, Simulator, simulate
+
+__all__ = [
+    "INITIAL", "TOLERANCE", "Accuracy", "Initial", "Response", "Simulator", "Substeps", "simulate",
+]  # fmt: skip

@@ -1,0 +1,117 @@
+"""C text to a loaded library, compiled once and kept by the hash of its content.
+
+Two processes may build the same library at once: each writes its own temporary file and renames
+it into place, which is atomic. A library that does not load is built again; a cache directory
+that cannot be written is replaced by a temporary one for this process.
+
+Environment: ``PIEZO_OPT_CACHE`` is the cache directory, ``PIEZO_OPT_CC`` the compiler; an empty
+``PIEZO_OPT_CC`` means that there is none.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+FLAGS: Final = (
+    "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-std=gnu11", "-shared",
+    "-fPIC", "-w",
+)  # fmt: skip
+
+
+def find_compiler() -> str | None:
+    """Path of the C compiler, or None when there is none."""
+    wished = os.environ.get("PIEZO_OPT_CC")
+    if wished is not None:
+        return shutil.which(wished) if wished else None
+    return next((path for name in ("cc", "gcc", "clang") if (path := shutil.which(name))), None)
+
+
+def cache_directory() -> Path:
+    """Where compiled libraries are kept."""
+    wished = os.environ.get("PIEZO_OPT_CACHE")
+    if wished:
+        return Path(wished)
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "piezo_opt"
+
+
+@cache
+def _fingerprint(compiler: str) -> str:
+    """Compiler version and processor: what a library built for one must not share with another."""
+    asked = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)
+    processor = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        processor += next((line for line in lines if line.startswith("flags")), "")
+    except OSError:
+        pass
+    return f"{asked.stdout.splitlines()[:1]}|{processor}|{FLAGS}"
+
+
+def load(text: str) -> ctypes.CDLL | None:
+    """The compiled library of a C text, or None when it cannot be built here."""
+    compiler = find_compiler()
+    if compiler is None:
+        return None
+    key = hashlib.sha256(f"{_fingerprint(compiler)}\n{text}".encode()).hexdigest()[:32]
+    return _load_into(cache_directory(), key, text, compiler) or _load_into(
+        Path(_private_directory()), key, text, compiler
+    )
+
+
+@cache
+def _private_directory() -> str:
+    """A directory of this process, for when the cache cannot be written."""
+    import atexit
+
+    path = tempfile.mkdtemp(prefix="piezo_opt_")
+    atexit.register(shutil.rmtree, path, ignore_errors=True)
+    return path
+
+
+def _load_into(directory: Path, key: str, text: str, compiler: str) -> ctypes.CDLL | None:
+    library = directory / f"{key}.so"
+    if library.exists():
+        loaded = _open(library)
+        if loaded is not None:
+            return loaded
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{key}_", dir=directory) as scratch:
+            made = _compile(Path(scratch), text, compiler)
+            if made is None:
+                return None
+            os.replace(made, library)
+    except OSError:
+        return None
+    return _open(library)
+
+
+def _compile(scratch: Path, text: str, compiler: str) -> Path | None:
+    source, target = scratch / "core.c", scratch / "core.so"
+    source.write_text(text)
+    for flags in (FLAGS, tuple(f for f in FLAGS if f != "-march=native")):
+        done = subprocess.run(
+            [compiler, *flags, "-o", str(target), str(source), "-lm"],
+            capture_output=True, check=False,
+        )  # fmt: skip
+        if done.returncode == 0:
+            return target
+    return None
+
+
+def _open(library: Path) -> ctypes.CDLL | None:
+    try:
+        loaded = ctypes.CDLL(str(library))
+        return loaded if hasattr(loaded, "po_run") else None
+    except OSError:
+        return None

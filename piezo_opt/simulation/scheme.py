@@ -1,0 +1,176 @@
+"""One sub-step of the integration scheme, and its forward sensitivities, as expressions.
+
+The classical Runge-Kutta scheme of order four. The drive is a straight line within a sub-step,
+so every corner of the drive lies on a boundary and the scheme keeps its order.
+
+Sensitivities S = dx/d(direction) are differentiated through the scheme itself: they are exact for
+the numbers that the scheme produces, not for the differential equation. Only entries that can
+ever be non-zero are carried.
+
+Source: Hairer, Norsett & Wanner (1993), Solving Ordinary Differential Equations I, II.1 and I.14.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.assembly import System
+from piezo_opt.errors import ModelError
+
+INITIAL = "initial."
+
+INPUTS = ("p", "h", "du", "dc", "hT", "t", "x", "S", "u", "c", "uT", "tT", "cT")
+"""Inputs of both functions of a scheme, in order; see :class:`Scheme`."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Scheme:
+    """Sub-step and reading as CasADi functions of the same thirteen inputs.
+
+    Inputs: parameters p, sub-step h, slopes of drive and channels du, dc, derivative of the
+    sub-step by the delay hT, then what moves: time t, states x, non-zeros of S, drive u, channels
+    c, and the derivatives of drive, time and channels by the delay.
+
+    Attributes:
+        step: ``inputs -> (x, S)`` after the sub-step.
+        reading: ``inputs -> (y, dy/d(directions))`` at the end of a sub-step.
+        directions: names of the sensitivity columns.
+        rows: state index of each carried entry of S.
+        columns: direction index of each carried entry of S.
+    """
+
+    system: System
+    step: ca.Function
+    reading: ca.Function
+    directions: tuple[str, ...]
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+
+
+def scheme(system: System, directions: Sequence[str] = ()) -> Scheme:
+    """Runge-Kutta sub-step of a system with sensitivities in the named directions.
+
+    Args:
+        system: assembled model.
+        directions: parameter names, or ``"initial." + state`` for the state's initial value.
+
+    Raises:
+        ModelError: a direction is no run-time parameter and no state of the model.
+    """
+    directions = tuple(directions)
+    nx, np_ = len(system.state_names), len(system.parameter_names)
+    nc, nd = len(system.channel_names), len(directions)
+    for name in directions:
+        if name not in system.parameter_names and name.removeprefix(INITIAL) not in (
+            system.state_names
+        ):
+            raise ModelError(
+                f"'{name}' is neither a free parameter nor an initial state of the model; "
+                f"parameters: {', '.join(system.parameter_names)}."
+            )
+    pattern = _pattern(system, directions)
+    rows, columns = np.nonzero(pattern)
+    p, x, s = ca.SX.sym("p", np_), ca.SX.sym("x", nx), ca.SX.sym("S", rows.size)
+    t, h, u, du = (ca.SX.sym(n) for n in ("t", "h", "u", "du"))
+    c, dc = ca.SX.sym("c", nc), ca.SX.sym("dc", nc)
+    ht, ut, tt = ca.SX.sym("hT"), ca.SX.sym("uT"), ca.SX.sym("tT")
+    ct = ca.SX.sym("cT", nc)
+    inputs = [p, h, du, dc, ht, t, x, s, u, c, ut, tt, ct]
+
+    def rate(at: ca.SX, state: ca.SX) -> ca.SX:
+        return system.rate(t + at, state, u + du * at, du, c + dc * at, dc, p)
+
+    half = h * 0.5
+    k1 = rate(ca.SX(0.0), x)
+    k2 = rate(half, x + half * k1)
+    k3 = rate(half, x + half * k2)
+    k4 = rate(h, x + h * k3)
+    after = x + (h * (1.0 / 6.0)) * (k1 + 2.0 * (k2 + k3) + k4)
+    if system.becomes is not None:
+        after = system.becomes(t + h, after, u + du * h, c + dc * h, p)
+    y = system.reading(t, x, u, du, c, dc, p)
+    if nd == 0:
+        return Scheme(
+            system,
+            ca.Function("po_step", inputs, [ca.densify(after), ca.SX(0, 1)], list(INPUTS), ["xn", "Sn"]),
+            ca.Function("po_read", inputs, [y, ca.SX(0, 1)], list(INPUTS), ["y", "J"]),
+            (), rows, columns,
+        )  # fmt: skip
+
+    delays = _delay_directions(system, directions)
+    seed_p = ca.SX(np_, nd)
+    for column, name in enumerate(directions):
+        if name in system.parameter_names:
+            seed_p[system.parameter_names.index(name), column] = 1.0
+    seed_x = ca.SX(nx, nd)
+    for index, (row, column) in enumerate(zip(rows, columns, strict=True)):
+        seed_x[int(row), int(column)] = s[index]
+    moving = ca.SX(1, nd)
+    for column in delays:
+        moving[0, column] = 1.0
+    seed = ca.vertcat(seed_x, seed_p, moving * ht, moving * ut, moving * tt, ca.mtimes(ct, moving))
+    at = ca.vertcat(x, p, h, u, t, c)
+    grown = ca.densify(ca.jtimes(after, at, seed))
+    slope = ca.densify(ca.jtimes(y, at, seed))
+    carried = ca.vertcat(*(grown[int(r), int(k)] for r, k in zip(rows, columns, strict=True)))
+    if rows.size == 0:
+        carried = ca.SX(0, 1)
+    after, carried = ca.cse([ca.densify(after), carried])
+    y, slope = ca.cse([y, slope.T])
+    return Scheme(
+        system,
+        ca.Function("po_step", inputs, [after, carried], list(INPUTS), ["xn", "Sn"]),
+        ca.Function("po_read", inputs, [y, slope], list(INPUTS), ["y", "J"]),
+        directions, rows, columns,
+    )  # fmt: skip
+
+
+def _delay_directions(system: System, directions: Sequence[str]) -> list[int]:
+    """Columns whose parameter moves the clock of the whole chain."""
+    if system.delay is None:
+        return []
+    moves = np.array(system.delay.jac_sparsity(0, 0).T.row(), dtype=int)
+    names = {system.parameter_names[i] for i in moves}
+    return [k for k, name in enumerate(directions) if name in names]
+
+
+def _pattern(system: System, directions: Sequence[str]) -> NDArray[np.bool_]:
+    """Which entries of S can ever be non-zero: the closure of S <- S0 + A S + B."""
+    nx, nd = len(system.state_names), len(directions)
+
+    def dense(function: ca.Function, out: int, into: int) -> NDArray[np.bool_]:
+        sparsity = function.jac_sparsity(out, into)
+        return np.array(ca.DM(sparsity, 1)).reshape(sparsity.shape) != 0
+
+    if nx == 0 or nd == 0:
+        return np.zeros((nx, nd), dtype=bool)
+    a, b = dense(system.rate, 0, 1), dense(system.rate, 0, 6)
+    start_p, start_x = dense(system.start, 0, 3), dense(system.start, 0, 4)
+    if system.becomes is not None:
+        a |= dense(system.becomes, 0, 1)
+        b |= dense(system.becomes, 0, 4)
+    pattern = np.zeros((nx, nd), dtype=bool)
+    delays = _delay_directions(system, directions)
+    for column, name in enumerate(directions):
+        if name in system.parameter_names:
+            index = system.parameter_names.index(name)
+            pattern[:, column] = b[:, index] | start_p[:, index]
+        else:
+            index = system.state_names.index(name.removeprefix(INITIAL))
+            pattern[:, column] = start_x[:, index]
+            pattern[index, column] = True
+        if column in delays:
+            pattern[:, column] = True
+    reach = a | np.eye(nx, dtype=bool)
+    while True:
+        grown = (reach.astype(int) @ pattern.astype(int)) > 0
+        if (grown == pattern).all():
+            return pattern
+        pattern = grown
