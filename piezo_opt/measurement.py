@@ -15,7 +15,7 @@ from scipy import signal
 from scipy.interpolate import CubicSpline
 
 from piezo_opt.errors import InputError
-from piezo_opt.units import quantity, show
+from piezo_opt.units import quantity, show, to_si
 
 FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
@@ -23,6 +23,7 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 FEWEST_SAMPLES = 8
 """A record shorter than this determines nothing."""
 
+_COMMON_UNITS = frozenset({"V", "m", "N", "A", "K", "C", "1"})
 _FINEST_GRID = 2000.0
 
 
@@ -54,6 +55,7 @@ class Measurement:
         startup: [s]; samples in [t0, t0 + startup) are simulated but not counted in errors.
         source: where the record comes from.
         allow_saturated: accept a reading that is stuck at its end while the drive moves on.
+        channel_units: SI units of further channels by name, kept for files and pictures.
 
     Raises:
         InputError: the record is empty, too short, of unequal lengths, not finite, out of order,
@@ -72,6 +74,7 @@ class Measurement:
     startup: float = 0.0
     source: str = ""
     allow_saturated: bool = False
+    channel_units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         signals = {
@@ -89,7 +92,11 @@ class Measurement:
         for name, values in signals.items():
             object.__setattr__(self, name, values)
         object.__setattr__(self, "channels", MappingProxyType(channels))
+        units = {name: str(self.channel_units.get(name, "1")) for name in channels}
+        object.__setattr__(self, "channel_units", MappingProxyType(units))
         _check_signals(self.name, {**signals, **channels})
+        for unit in (self.drive_unit, self.position_unit, *units.values()):
+            _check_unit(self.name, unit)
         _check_startup(self)
         if self.period is not None:
             _check_period(self, self.period)
@@ -99,7 +106,8 @@ class Measurement:
     def __reduce__(self) -> tuple[Callable[..., Measurement], tuple[dict[str, Any]]]:
         # A mapping proxy cannot be pickled, and records travel to worker processes.
         state = {one.name: getattr(self, one.name) for one in fields(self)}
-        return _rebuild, ({**state, "channels": dict(self.channels)},)
+        mappings = {name: dict(state[name]) for name in ("channels", "channel_units")}
+        return _rebuild, ({**state, **mappings},)
 
     def __len__(self) -> int:
         return int(self.time.size)
@@ -452,6 +460,17 @@ def _check_signals(record: str, signals: Mapping[str, FloatArray]) -> None:
         raise InputError(
             f"{record}: the drive is constant at {drive[0]:g}, which identifies nothing: "
             "record a drive that moves"
+        )
+
+
+def _check_unit(record: str, unit: str) -> None:
+    # The common units are known to be SI; asking takes the units library a while to load.
+    if unit in _COMMON_UNITS:
+        return
+    if float(to_si(1.0, unit)[0]) != 1.0:
+        raise InputError(
+            f"{record}: its signals are in SI units, and {unit!r} is none: convert it, "
+            f"for example with to_si(values, {unit!r})"
         )
 
 

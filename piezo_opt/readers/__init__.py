@@ -1,0 +1,150 @@
+"""Files to records and back: one verb to read, one to write, the suffix says how."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from piezo_opt.errors import InputError
+from piezo_opt.measurement import Between, Campaign, Measurement
+from piezo_opt.readers.columns import Table, Wanted, measurement_from
+from piezo_opt.readers.csv import table_from_csv, write_csv
+from piezo_opt.readers.hdf5 import campaign_from_hdf5, table_from_hdf5, write_hdf5
+from piezo_opt.readers.mat import table_from_mat
+from piezo_opt.units import quantity
+
+__all__ = ["read", "read_campaign", "write"]
+
+_TEXT = (".csv", ".txt", ".tsv", ".dat")
+_HDF5 = (".h5", ".hdf5")
+_MATLAB = (".mat",)
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    time: str | None = None,
+    drive: str | None = None,
+    position: str | None = None,
+    between: Between | None = None,
+    period: float | str | None = None,
+    startup: float | str | None = None,
+    record: str | None = None,
+    allow_saturated: bool = False,
+) -> Measurement:
+    """One record from a CSV, HDF5 or MATLAB file, in SI units.
+
+    Args:
+        path: .csv, .txt, .tsv, .dat (a header ``time [s],voltage [V],displacement [um]``), .h5,
+            .hdf5 or .mat.
+        time, drive, position: columns, as ``"voltage"`` or ``"u [V]"``; by default the columns
+            whose unit is a time, a voltage and a length. A named drive or position may have any
+            unit, ``drive="force [N]"``. Further columns with a unit become channels.
+        between: how the drive moves between samples; by default what the file says, else linear.
+        period, startup: [s] or a quantity such as ``"40 ms"``; by default what the file says.
+        record: which of several records in an HDF5 file.
+        allow_saturated: accept a reading stuck at its end.
+
+    Raises:
+        InputError: one sentence with file, row or column, and what to do.
+    """
+    wanted = Wanted(time, drive, position, between, period, startup, allow_saturated)
+    file = Path(path)
+    suffix = _suffix(file)
+    if suffix in _HDF5:
+        campaign = campaign_from_hdf5(file)
+        if campaign is not None:
+            return _adjusted(file, _one_of(file, campaign, record), wanted)
+    if record is not None:
+        raise InputError(f"{file}: holds one record, so record={record!r} means nothing: drop it")
+    return measurement_from(_table(file, suffix), file.stem, wanted)
+
+
+def read_campaign(path: str | os.PathLike[str]) -> Campaign:
+    """All records of a file; a file with one record gives a campaign of one."""
+    file = Path(path)
+    if _suffix(file) in _HDF5:
+        campaign = campaign_from_hdf5(file)
+        if campaign is not None:
+            return campaign
+    return Campaign.of(read(file))
+
+
+def write(
+    records: Measurement | Iterable[Measurement] | Campaign,
+    path: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+) -> None:
+    """Write one record as .csv, or one or several as .h5 or .hdf5, in SI units.
+
+    The file appears whole or not at all. Raises `InputError` when it exists and ``overwrite`` is
+    not given, when it cannot be written, or for another suffix.
+    """
+    file = Path(path)
+    suffix = file.suffix.lower()
+    if suffix in _HDF5:
+        write_hdf5(records, file, overwrite=overwrite)
+        return
+    if suffix != ".csv":
+        raise InputError(f"{file}: records are written as .csv, .h5 or .hdf5: choose one of these")
+    campaign = Campaign.of(records)
+    if len(campaign) > 1:
+        raise InputError(f"{file}: CSV holds one record, not {len(campaign)}: write .h5")
+    write_csv(campaign.records[0], file, overwrite=overwrite)
+
+
+def _suffix(file: Path) -> str:
+    suffix = file.suffix.lower()
+    known = (*_TEXT, *_HDF5, *_MATLAB)
+    if suffix not in known and not file.is_dir():
+        raise InputError(
+            f"{file}: nothing reads {suffix or 'a file without suffix'}: use {', '.join(known)}"
+        )
+    return suffix
+
+
+def _table(file: Path, suffix: str) -> Table:
+    if suffix in _HDF5:
+        return table_from_hdf5(file)
+    if suffix in _MATLAB:
+        return table_from_mat(file)
+    return table_from_csv(file)
+
+
+def _one_of(file: Path, campaign: Campaign, record: str | None) -> Measurement:
+    if record is not None:
+        try:
+            return campaign[record]
+        except InputError as error:
+            raise InputError(f"{file}: {error}") from error
+    if len(campaign) > 1:
+        raise InputError(
+            f"{file}: holds {len(campaign)} records: choose one with record='...' from "
+            f"{', '.join(campaign.names)}, or take all with read_campaign"
+        )
+    return campaign.records[0]
+
+
+def _adjusted(file: Path, measurement: Measurement, wanted: Wanted) -> Measurement:
+    """A stored record with what the caller says anew; its columns are fixed."""
+    for role, said in (
+        ("time", wanted.time),
+        ("drive", wanted.drive),
+        ("position", wanted.position),
+    ):
+        if said is not None and said.partition("[")[0].strip() != role:
+            raise InputError(
+                f"{file}: its columns are time, drive and position already: drop {role}={said!r}"
+            )
+    changes: dict[str, object] = {}
+    if wanted.between is not None:
+        changes["between"] = wanted.between
+    if wanted.period is not None:
+        changes["period"] = quantity(wanted.period, "s")
+    if wanted.startup is not None:
+        changes["startup"] = quantity(wanted.startup, "s")
+    if wanted.allow_saturated:
+        changes["allow_saturated"] = True
+    return measurement.with_(**changes) if changes else measurement

@@ -1,0 +1,188 @@
+"""HDF5: every number and every word of one or several records, and nothing else.
+
+The layout that `write_hdf5` writes and `campaign_from_hdf5` reads without loss:
+
+    /                       attributes  format = "piezo_opt records", version = 1
+    /record_0000            attributes  name, between ("linear", "held", "bandlimited"), source,
+                                        startup [s], allow_saturated, and period [s] if there is one
+    /record_0000/time       float64 (N,), attribute unit = "s"
+    /record_0000/drive      float64 (N,), attribute unit, for example "V"
+    /record_0000/position   float64 (N,), attribute unit, for example "m"
+    /record_0000/channels/channel_0000   float64 (N,), attributes name and unit
+    /record_0001 ...
+
+Signals are compressed without loss (shuffle, deflate) and carry a checksum. In any other HDF5
+file, one-dimensional data sets are taken as columns: their names are their paths, their units the
+attribute ``unit`` or ``units`` or what the caller says with ``drive="u [V]"``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from piezo_opt.errors import InputError
+from piezo_opt.measurement import Between, Campaign, FloatArray, Measurement
+from piezo_opt.readers.columns import Column, Table, known_unit
+from piezo_opt.readers.files import checked, refuse_rows, replacing
+
+_FORMAT = "piezo_opt records"
+_VERSION = 1
+
+
+def campaign_from_hdf5(path: str | os.PathLike[str]) -> Campaign | None:
+    """The records of a file in this package's layout; None for a file in another layout.
+
+    Raises `InputError` for a file that is no HDF5, is cut short, or breaks the layout.
+    """
+    file = checked(path)
+    with _opened(file) as content:
+        if _text(content.attrs.get("format", "")) != _FORMAT:
+            return None
+        version = content.attrs.get("version")
+        if version != _VERSION:
+            raise InputError(
+                f"{file}: has layout version {version}, this package reads {_VERSION}: update it"
+            )
+        return Campaign(tuple(_record(file, content[name]) for name in sorted(content)))
+
+
+def table_from_hdf5(path: str | os.PathLike[str]) -> Table:
+    """The one-dimensional data sets of any HDF5 file (or MATLAB v7.3 file) as columns."""
+    file = checked(path)
+    columns: list[Column] = []
+    with _opened(file) as content:
+
+        def visit(name: str, item: object) -> None:
+            if isinstance(item, h5py.Dataset) and _is_signal(item):
+                unit = _text(item.attrs.get("unit", item.attrs.get("units", "")))
+                if unit:
+                    known_unit(str(file), name, unit)
+                columns.append(Column(name, unit or None, _numbers(file, item)))
+
+        content.visititems(visit)
+    return Table(str(file), tuple(columns), lambda index: f"index {index}", {})
+
+
+def write_hdf5(
+    records: Measurement | Iterable[Measurement] | Campaign,
+    path: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+) -> None:
+    """Write records without loss, in one step: all of the file or none of it."""
+    campaign = Campaign.of(records)
+    for record in campaign:
+        for text in (record.name, record.source, *record.channels):
+            if "\0" in text or any("\ud800" <= sign <= "\udfff" for sign in text):
+                raise InputError(f"{path}: {text!r} cannot be stored as text: rename it")
+    with replacing(path, overwrite=overwrite) as temporary:
+        with h5py.File(temporary, "x") as content:
+            content.attrs["format"] = _FORMAT
+            content.attrs["version"] = _VERSION
+            for number, record in enumerate(campaign):
+                _write_record(content.create_group(f"record_{number:04d}"), record)
+
+
+def _write_record(group: Any, record: Measurement) -> None:
+    group.attrs["name"] = record.name
+    group.attrs["between"] = record.between.value
+    group.attrs["source"] = record.source
+    group.attrs["startup"] = np.float64(record.startup)
+    group.attrs["allow_saturated"] = np.bool_(record.allow_saturated)
+    if record.period is not None:
+        group.attrs["period"] = np.float64(record.period)
+    _write_signal(group, "time", record.time, "s")
+    _write_signal(group, "drive", record.drive, record.drive_unit)
+    _write_signal(group, "position", record.position, record.position_unit)
+    for number, (name, values) in enumerate(record.channels.items()):
+        where = f"channels/channel_{number:04d}"
+        _write_signal(group, where, values, record.channel_units[name])
+        group[where].attrs["name"] = name
+
+
+def _write_signal(group: Any, name: str, values: FloatArray, unit: str) -> None:
+    stored = group.create_dataset(
+        name, data=values, compression="gzip", compression_opts=9, shuffle=True, fletcher32=True
+    )
+    stored.attrs["unit"] = unit
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[Any]:
+    damaged = f"{file}: is not a whole HDF5 file: copy or export it again"
+    try:
+        with h5py.File(file, "r") as content:
+            yield content
+    except InputError:
+        raise
+    except PermissionError as error:
+        raise InputError(f"{file}: may not be read: change its permissions") from error
+    except Exception as error:  # a damaged file surfaces as any of the library's many errors
+        raise InputError(f"{damaged} ({_first_line(error)})") from error
+
+
+def _record(file: Path, group: Any) -> Measurement:
+    where = group.name
+    if not isinstance(group, h5py.Group):
+        raise InputError(f"{file}: {where} is not a record: export the file again")
+    for name in ("time", "drive", "position"):
+        if not isinstance(group.get(name), h5py.Dataset):
+            raise InputError(f"{file}: {where} has no signal {name!r}: export the file again")
+    attributes = dict(group.attrs)
+    further = group.get("channels", {})
+    channels = {_text(further[one].attrs["name"]): further[one] for one in sorted(further)}
+    try:
+        return Measurement(
+            time=_numbers(file, group["time"]),
+            drive=_numbers(file, group["drive"]),
+            position=_numbers(file, group["position"]),
+            channels={name: _numbers(file, stored) for name, stored in channels.items()},
+            channel_units={name: _unit(file, stored) for name, stored in channels.items()},
+            name=_text(attributes["name"]),
+            drive_unit=_unit(file, group["drive"]),
+            position_unit=_unit(file, group["position"]),
+            between=Between(_text(attributes["between"])),
+            period=float(attributes["period"]) if "period" in attributes else None,
+            startup=float(attributes["startup"]),
+            source=_text(attributes["source"]),
+            allow_saturated=bool(attributes["allow_saturated"]),
+        )
+    except InputError as error:
+        already = str(error).startswith(str(file))
+        raise InputError(str(error) if already else f"{file}: {error}") from error
+    except KeyError as error:
+        raise InputError(f"{file}: {where} lacks {error}: export the file again") from error
+
+
+def _unit(file: Path, stored: Any) -> str:
+    unit = _text(stored.attrs.get("unit", ""))
+    return known_unit(str(file), stored.name, unit)
+
+
+def _is_signal(stored: Any) -> bool:
+    """Numbers along one axis; MATLAB's rows and columns count, its text and scalars do not."""
+    if stored.dtype.kind not in "fiu" or _text(stored.attrs.get("MATLAB_class", "")) == "char":
+        return False
+    return bool(stored.shape) and stored.size > 1 and max(stored.shape) == stored.size
+
+
+def _numbers(file: Path, stored: Any) -> FloatArray:
+    refuse_rows(file, int(stored.size))
+    if stored.dtype.kind not in "fiu":
+        raise InputError(f"{file}: {stored.name} does not hold real numbers: export it again")
+    return np.asarray(stored[()], dtype=np.float64).reshape(-1)
+
+
+def _text(value: object) -> str:
+    return value.decode("utf-8") if isinstance(value, bytes) else str(value)
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:120]
