@@ -52,6 +52,11 @@ def log(a: Expression) -> Expression:
     return ca.log(a)
 
 
+def expm1(a: Expression) -> Expression:
+    """``exp(a) - 1`` without cancellation near 0."""
+    return ca.expm1(a)
+
+
 def sqrt(a: Expression) -> Expression:
     """Square root."""
     return ca.sqrt(a)
@@ -74,7 +79,9 @@ def tanh(a: Expression) -> Expression:
 
 def softplus(a: Expression) -> Expression:
     """Smooth positive part ``log(1 + exp(a))``, written so that it never overflows."""
-    return ca.fmax(a, 0) + ca.log1p(ca.exp(-ca.fabs(a)))
+    size = ca.fabs(a)
+    # (a + |a|)/2 and not max(a, 0): its derivative at 0 is 1/2, the true one, not 0 or 1.
+    return 0.5 * (a + size) + ca.log1p(ca.exp(-size))
 
 
 def where_(condition: Expression, then: Expression, otherwise: Expression) -> Expression:
@@ -96,6 +103,17 @@ def power_(base: Expression, exponent: Expression) -> Expression:
     if constant == 2.0:
         return base * base
     return ca.exp(exponent * ca.log(base + _TINY))
+
+
+def play(before: Expression, value: Expression, radius: Expression) -> Expression:
+    """Play operator over a monotone stretch: ``before`` dragged along to stay near ``value``.
+
+    ``min(max(before, value - radius), value + radius)``, element by element. Written by the
+    direction of the drag, so that the derivative by the radius is right even at radius 0.
+    """
+    return ca.if_else(
+        value > before, ca.fmax(before, value - radius), ca.fmin(before, value + radius)
+    )
 
 
 def stack(parts: Sequence[Expression]) -> Expression:

@@ -28,6 +28,10 @@ if TYPE_CHECKING:
     from piezo_opt.effects.model import Model
 
 
+_LARGEST = 100
+"""Largest number of elements of a state: a guard against a slip of the keyboard."""
+
+
 class Place(Enum):
     """Where in the chain an effect acts, in the order of the chain."""
 
@@ -108,6 +112,7 @@ class State:
         loop: the hysteretic displacement itself, whose rate the LOOP balance adds to.
         position: the position of the mechanics; a chain without one is quasi-static.
         velocity: the velocity of the mechanics.
+        remanent: a record may begin with this state away from rest (memory of what was before).
     """
 
     unit: str
@@ -116,6 +121,7 @@ class State:
     loop: bool = False
     position: bool = False
     velocity: bool = False
+    remanent: bool = False
 
 
 @final
@@ -206,13 +212,23 @@ class Effect(ABC):
         cls._parameters = {k: v for k, v in body.items() if isinstance(v, Parameter)}
         cls._states = {k: v for k, v in body.items() if isinstance(v, State)}
         if not isinstance(body.get("place"), Place):
-            raise ModelError(f"Effect {cls.__name__} declares no place: write place = Place.STRAIN.")
+            raise ModelError(
+                f"Effect {cls.__name__} declares no place: write place = Place.STRAIN."
+            )
         gates = [k for k, v in cls._parameters.items() if v.null is not None]
         if not cls.structural and len(gates) != 1:
             raise ModelError(
                 f"Effect {cls.__name__} has {len(gates)} gates ({', '.join(gates) or 'none'}); "
                 "an optional effect has exactly one parameter with a null value."
             )
+
+    def __post_init__(self) -> None:
+        for name, size in self.states.items():
+            if not isinstance(size, int) or isinstance(size, bool) or not 1 <= size <= _LARGEST:
+                raise ModelError(
+                    f"{self.name}: the number of elements of '{name}' is {size!r}; give a whole "
+                    f"number from 1 to {_LARGEST}."
+                )
 
     @abstractmethod
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:

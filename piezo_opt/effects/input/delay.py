@@ -22,9 +22,7 @@ class Delay(Effect):
     """
 
     place = Place.INPUT
-    T = Parameter(
-        "s", "delay", nominal=0.0, bounds=(0.0, 10.0), typical=(5e-5, 1e-3), null=0.0
-    )
+    T = Parameter("s", "delay", nominal=0.0, bounds=(0.0, 10.0), typical=(5e-5, 1e-3), null=0.0)
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The signal passes; the whole chain is read T later."""

@@ -22,8 +22,8 @@ class SecondOrder(Effect):
 
     place = Place.MOTION
     structural = True
-    x = State("m", "position", position=True)
-    w = State("m/s", "velocity", velocity=True)
+    x = State("m", "position", position=True, remanent=True)
+    w = State("m/s", "velocity", velocity=True, remanent=True)
     omega = Parameter(
         "rad/s", "natural frequency", nominal=6e3, bounds=(1e-2, 1e7), typical=(3e2, 1e5)
     )

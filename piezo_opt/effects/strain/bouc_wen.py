@@ -27,7 +27,7 @@ class BoucWen(Effect):
 
     place = Place.STRAIN
     structural = True
-    h = State("m", "hysteretic displacement", loop=True)
+    h = State("m", "hysteretic displacement", loop=True, remanent=True)
     alpha = Parameter(
         "m/V", "strength of the loop", nominal=3e-8, bounds=(-1e-3, 1e-3), typical=(5e-9, 1e-7)
     )

@@ -26,7 +26,7 @@ class Creep(Effect):
     elements: int = 3
     place = Place.STRAIN
     requires = ()
-    z = State("m", "creep of each element", size="elements")
+    z = State("m", "creep of each element", size="elements", remanent=True)
     c = Parameter(
         "1", "share of the stroke that creeps", nominal=0.0, bounds=(-0.2, 0.9),
         typical=(5e-3, 0.1), null=0.0,
@@ -38,7 +38,5 @@ class Creep(Effect):
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement; each element relaxes towards its share."""
         target = p.c / self.elements * chain.free.value
-        rates = [
-            (target - x.z[i]) / (p.tau * 10.0**i) for i in range(self.elements)
-        ]
+        rates = [(target - x.z[i]) / (p.tau * 10.0**i) for i in range(self.elements)]
         return Equations(gives=sum_(x.z), moves={"z": stack(rates)})

@@ -1,0 +1,1 @@
+"""Effects on the INPUT line: between the recorded command and the drive."""

@@ -1,0 +1,1 @@
+"""Effects on the LOOP balance: they add to the rate of the hysteretic displacement."""

@@ -1,0 +1,34 @@
+"""A loop whose two branches differ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final
+
+from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
+from piezo_opt.symbolic import abs_
+
+
+@final
+@dataclass(frozen=True)
+class Asymmetry(Effect):
+    """Non-symmetrical hysteresis: the loop's rate depends on the sign of the drive.
+
+        h' += delta v |v'|
+
+    |v'| in place of sign(v') keeps the loop independent of the rate at which it is run through.
+
+    References: after Zhu & Wang (2012), Sensors and Actuators A 181, 51-60 (non-symmetrical
+    Bouc-Wen model for piezoelectric ceramic actuators).
+    """
+
+    place = Place.LOOP
+    requires = ("loop",)
+    delta = Parameter(
+        "m/V^2", "strength of the asymmetry", nominal=0.0, bounds=(-1e-3, 1e-3),
+        typical=(-1e-10, 1e-10), null=0.0,
+    )  # fmt: skip
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """Own share of the loop's rate."""
+        return Equations(gives=p.delta * chain.drive.value * abs_(chain.drive.rate))

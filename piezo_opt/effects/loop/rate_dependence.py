@@ -1,0 +1,45 @@
+"""A loop that depends on how fast it is run through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final
+
+from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
+from piezo_opt.symbolic import abs_, power_
+
+
+@final
+@dataclass(frozen=True)
+class RateDependence(Effect):
+    """Relaxation of the hysteretic displacement, at rest or with the rate of the drive.
+
+        h' += -r |v'/q|^m h
+
+    m = 0 (the default, kept fixed): viscous relaxation, the loop forgets at the rate r even when
+    the drive rests. m = 2: the loop narrows with the rate, as Bouc-Wen's beta grown by
+    r |v'| / q^2 would do. m = 1 only renames beta. q pivots the exponent, so that r keeps its
+    unit. What looks like rate dependence is often the amplifier or the mechanics.
+
+    References: Mayergoyz (2003), Mathematical Models of Hysteresis and Their Applications, 2nd
+    ed., Elsevier (rate-dependent hysteresis).
+    """
+
+    place = Place.LOOP
+    requires = ("loop",)
+    r = Parameter(
+        "1/s", "relaxation rate of the loop", nominal=0.0, bounds=(0.0, 1e5), typical=(1e-3, 10.0),
+        null=0.0,
+    )  # fmt: skip
+    m = Parameter(
+        "1", "exponent of the drive's rate", nominal=0.0, bounds=(0.0, 2.0), typical=(0.0, 2.0),
+        fixed=True,
+    )  # fmt: skip
+    q = Parameter(
+        "V/s", "rate of the drive at which the exponent pivots", nominal=100.0, bounds=(1e-6, 1e9),
+        typical=(1.0, 1e5), fixed=True,
+    )  # fmt: skip
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """Own share of the loop's rate."""
+        return Equations(gives=-p.r * power_(abs_(chain.drive.rate) / p.q, p.m) * chain.hysteresis)

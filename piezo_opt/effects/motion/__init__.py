@@ -1,0 +1,1 @@
+"""Effects on the MOTION balance: they add to the acceleration."""

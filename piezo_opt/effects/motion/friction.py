@@ -1,0 +1,55 @@
+"""Dry friction of a guide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final
+
+from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
+from piezo_opt.symbolic import abs_, exp
+
+
+@final
+@dataclass(frozen=True)
+class Friction(Effect):
+    """Dry friction with presliding (Dahl; LuGre when stribeck or tau are freed), per unit mass.
+
+        z0 z' = x' - |x'| z / g(x'),   g = 1 + (stribeck - 1) exp(-(x'/w_s)^2)
+        x'' += -F (z + tau z')
+
+    z runs within -g..g, so that F is the Coulomb force per unit mass and F / z0 the stiffness
+    before sliding. stribeck is static over sliding friction, tau the micro-damping; with their
+    defaults 1 and 0 the law is Dahl's. Viscous damping is second_order's.
+
+    References: Dahl (1976), AIAA Journal 14(12), 1675-1682; Canudas de Wit, Olsson, Astrom &
+    Lischinsky (1995), IEEE Trans. Automatic Control 40(3), 419-425.
+    """
+
+    place = Place.MOTION
+    requires = ("motion",)
+    z = State("1", "deflection of the contact over its largest", remanent=True)
+    F = Parameter(
+        "m/s^2", "Coulomb friction per unit mass", nominal=0.0, bounds=(0.0, 1e8),
+        typical=(1e-3, 10.0), null=0.0,
+    )  # fmt: skip
+    z0 = Parameter(
+        "m", "presliding displacement", nominal=1e-6, bounds=(1e-10, 1.0), typical=(1e-7, 1e-5)
+    )
+    stribeck = Parameter(
+        "1", "static over sliding friction", nominal=1.0, bounds=(1.0, 5.0), typical=(1.0, 2.0),
+        fixed=True,
+    )  # fmt: skip
+    w_s = Parameter(
+        "m/s", "Stribeck velocity", nominal=1e-3, bounds=(1e-9, 1e3), typical=(1e-5, 1e-1),
+        fixed=True,
+    )  # fmt: skip
+    tau = Parameter(
+        "s", "micro-damping time", nominal=0.0, bounds=(0.0, 1.0), typical=(0.0, 1e-4), fixed=True
+    )
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """Own share of the acceleration and the contact's deflection."""
+        w = chain.position.rate
+        level = 1.0 + (p.stribeck - 1.0) * exp(-((w / p.w_s) ** 2))
+        rate = (w - abs_(w) * x.z / level) / p.z0
+        return Equations(gives=-p.F * (x.z + p.tau * rate), moves={"z": rate})

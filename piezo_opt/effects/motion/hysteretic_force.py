@@ -1,0 +1,56 @@
+"""Hysteresis of guides and mounts: a force that remembers the motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final
+
+from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
+from piezo_opt.symbolic import abs_, power_
+
+
+@final
+@dataclass(frozen=True)
+class HystereticForce(Effect):
+    """Bouc-Wen restoring force on the position, per unit mass.
+
+        z' = x' - beta (gamma |x'| |z/z_s|^(n-1) z + delta x' |z/z_s|^(n-1) |z|)
+        x'' += -alpha z
+
+    This is the benchmark's law for its force alpha z: with n = 1 (the default, kept fixed) its
+    alpha per unit mass, beta, gamma and delta are the ones here. Carrying the displacement z
+    instead of the force keeps the law regular at alpha = 0. Only beta gamma and beta delta act.
+
+    References: Wen (1976), J. Eng. Mech. Div. 102(2), 249-263; Noel & Schoukens (2016),
+    Hysteretic benchmark with a dynamic nonlinearity, Workshop on Nonlinear System Identification
+    Benchmarks, Brussels.
+    """
+
+    place = Place.MOTION
+    requires = ("motion",)
+    z = State("m", "hysteretic part of the position", remanent=True)
+    alpha = Parameter(
+        "1/s^2", "stiffness of the hysteretic force per unit mass", nominal=0.0,
+        bounds=(-1e12, 1e12), typical=(1e3, 1e6), null=0.0,
+    )  # fmt: skip
+    beta = Parameter(
+        "1/m", "how soon the force saturates", nominal=1e3, bounds=(0.0, 1e9), typical=(1e2, 1e5)
+    )
+    gamma = Parameter(
+        "1", "width of the loop", nominal=0.8, bounds=(-10.0, 10.0), typical=(0.1, 1.0)
+    )
+    delta = Parameter(
+        "1", "roundness of the loop", nominal=0.0, bounds=(-10.0, 10.0), typical=(-1.0, 1.0)
+    )
+    n = Parameter("1", "exponent", nominal=1.0, bounds=(1.0, 4.0), typical=(1.0, 2.0), fixed=True)
+    z_s = Parameter(
+        "m", "displacement at which the exponent pivots", nominal=1e-6, bounds=(1e-12, 1.0),
+        fixed=True,
+    )  # fmt: skip
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """Own share of the acceleration and the hysteretic part of the position."""
+        w, size = chain.position.rate, abs_(x.z)
+        shape = p.beta * power_(size / p.z_s, p.n - 1.0)
+        rate = w - shape * (p.gamma * abs_(w) * x.z + p.delta * w * size)
+        return Equations(gives=-p.alpha * x.z, moves={"z": rate})

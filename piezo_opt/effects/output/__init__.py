@@ -1,0 +1,1 @@
+"""Effects on the OUTPUT line: between the position and the reading."""

@@ -1,0 +1,42 @@
+"""Hum of the mains in the reading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+from typing import Any, final
+
+from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
+from piezo_opt.symbolic import sin
+
+
+@final
+@dataclass(frozen=True)
+class MainsPickup(Effect):
+    """Sine of the mains frequency, added to the reading.
+
+        y = x + a sin(2 pi f t + phi)
+
+    f is kept at 50 Hz unless set (60 Hz) or freed; a second pickup holds a harmonic. A negative
+    amplitude is the opposite phase: a fit that starts at 0 can leave in either direction.
+
+    References: Ott (2009), Electromagnetic Compatibility Engineering, Wiley, ch. 2-3 (coupling of
+    mains fields into cables, ground loops).
+    """
+
+    place = Place.OUTPUT
+    a = Parameter(
+        "m", "amplitude", nominal=0.0, bounds=(-1e-2, 1e-2), typical=(-1e-8, 1e-8), null=0.0
+    )
+    phi = Parameter(
+        "rad", "phase at the start of the record", nominal=0.0, bounds=(-2.0 * pi, 2.0 * pi),
+        typical=(-pi, pi), per_record=True,
+    )  # fmt: skip
+    f = Parameter(
+        "1/s", "mains frequency", nominal=50.0, bounds=(1.0, 1e4), typical=(49.5, 60.5), fixed=True
+    )
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """The outgoing reading."""
+        hum = p.a * sin(2.0 * pi * p.f * chain.time + p.phi)
+        return Equations(gives=chain.incoming.value + hum)

@@ -1,0 +1,43 @@
+"""A second resonance, beside the first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, final
+
+from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
+
+
+@final
+@dataclass(frozen=True)
+class SecondMode(Effect):
+    """Parallel mode driven by the free displacement, added to the reading.
+
+        q'' = omega^2 (s - q) - 2 zeta omega q'
+        y = x + g q
+
+    References: Preumont (2011), Vibration Control of Active Structures, 3rd ed., ch. 2 (modal
+    expansion: a response is the sum of its modes).
+    """
+
+    place = Place.OUTPUT
+    q = State("m", "modal displacement")
+    r = State("m/s", "modal velocity")
+    g = Parameter(
+        "1", "share of the mode in the reading", nominal=0.0, bounds=(-10.0, 10.0),
+        typical=(-0.1, 0.1), null=0.0,
+    )  # fmt: skip
+    omega = Parameter(
+        "rad/s", "natural frequency of the mode", nominal=2e4, bounds=(1e-2, 1e7),
+        typical=(1e3, 3e5),
+    )  # fmt: skip
+    zeta = Parameter("1", "damping ratio", nominal=0.02, bounds=(1e-4, 5.0), typical=(5e-3, 0.1))
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """The outgoing reading and the mode's motion."""
+        spring = p.omega * p.omega * (chain.free.value - x.q)
+        return Equations(
+            gives=chain.incoming.value + p.g * x.q,
+            moves={"q": x.r, "r": spring - 2.0 * p.zeta * p.omega * x.r},
+            starts={"q": chain.free.value},
+        )

@@ -1,0 +1,47 @@
+"""The periodic error of an interferometer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+from typing import Any, final
+
+from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
+from piezo_opt.symbolic import sin
+
+
+@final
+@dataclass(frozen=True)
+class SensorNonlinearity(Effect):
+    """Periodic error of a two-beam interferometer, once every half wavelength.
+
+        y = x + a sin(4 pi x / wavelength + phi)
+
+    The wavelength is kept at that of a helium-neon laser unless set.
+
+    References: Wu & Deslattes (1998), Applied Optics 37(28) (periodic nonlinearity in heterodyne
+    interferometry, also homodyne).
+    """
+
+    place = Place.OUTPUT
+    a = Parameter(
+        "m", "amplitude of the periodic error", nominal=0.0, bounds=(-1e-4, 1e-4),
+        typical=(-1e-8, 1e-8), null=0.0,
+    )  # fmt: skip
+    phi = Parameter(
+        "rad",
+        "phase at zero position",
+        nominal=0.0,
+        bounds=(-2.0 * pi, 2.0 * pi),
+        typical=(-pi, pi),
+    )
+    wavelength = Parameter(
+        "m", "wavelength of the laser", nominal=632.8e-9, bounds=(1e-8, 1e-2),
+        typical=(4e-7, 1.6e-6), fixed=True,
+    )  # fmt: skip
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """The outgoing reading."""
+        seen = chain.incoming.value
+        angle = 4.0 * pi * seen / p.wavelength + p.phi
+        return Equations(gives=seen + p.a * sin(angle))

@@ -1,0 +1,1 @@
+"""Effects on the STRAIN balance: they add to the free displacement."""
