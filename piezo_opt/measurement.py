@@ -648,7 +648,7 @@ def _resolution_remarks(record: Measurement) -> Iterator[str]:
     if step is not None and step > 2e-3 * spread:
         yield (
             f"The reading comes in steps of {show(step, record.position_unit)}, "
-            f"{100 * step / spread:.1f} % of its range: no model can be closer than about "
+            f"{100 * step / spread:.1f} % of its range: rounding alone leaves about "
             f"{show(step / np.sqrt(12.0), record.position_unit)} rms."
         )
 

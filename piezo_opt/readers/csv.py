@@ -5,9 +5,10 @@
     0,0,0.000
     1,5,0.690
 
-Separators are comma, semicolon, tab or blanks; the decimal sign is a point. A file written by
-`write_csv` starts with ``# piezo_opt record`` and keeps name, period, start-up, source and the
-behaviour between samples in comments, and every digit, so that it reads back as the same record.
+Separators are comma, semicolon, tab or blanks; the decimal sign is a point. After a first line
+``# piezo_opt record``, comments such as ``# period: 1 s``, ``# startup: 0.5 s``,
+``# between: held``, ``# name: ...`` and ``# source: ...`` say what the record is. `write_csv`
+writes them, and every digit, so that its file reads back as the same record.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from piezo_opt.readers.columns import Column, Table, known_unit
 from piezo_opt.readers.files import MOST_ROWS, checked, refuse_rows, replacing
 
 _SIGNATURE = "# piezo_opt record"
+_WRITTEN = ("time", "drive", "position")
 _HEADER_EXAMPLE = "time [s],voltage [V],displacement [um]"
 _BLANK_SEPARATED = re.compile(r"[^\s\[\]]*\s*\[[^\[\]]*\]|\S+")
 _HEADER_CELL = re.compile(r"\s*([^\[\]]*?)\s*\[([^\[\]]*)\]\s*")
@@ -150,7 +152,7 @@ def _table(file: Path, lines: TextIO) -> Table:
             for index, (name, unit) in enumerate(columns)
         ),
         row=_row_namer(file, header_row),
-        metadata=_metadata(file, comments),
+        metadata=_metadata(file, comments, [name for name, _ in columns]),
     )
 
 
@@ -230,11 +232,13 @@ def _row_namer(file: Path, header_row: int) -> Callable[[int], str]:
     return row
 
 
-def _metadata(file: Path, comments: list[str]) -> dict[str, Any]:
+def _metadata(file: Path, comments: list[str], names: list[str]) -> dict[str, Any]:
     if not comments or comments[0] != _SIGNATURE:
         return {}
-    # The columns of such a file have fixed names and may have any unit.
-    said: dict[str, Any] = {"columns": {role: role for role in ("time", "drive", "position")}}
+    said: dict[str, Any] = {}
+    if names[:3] == list(_WRITTEN):
+        # The columns of a written file have these names and may have any unit.
+        said["columns"] = {role: role for role in _WRITTEN}
     for comment in comments[1:]:
         key, separator, value = comment.lstrip("#").partition(":")
         if separator and key.strip() in ("name", "period", "startup", "source"):

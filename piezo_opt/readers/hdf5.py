@@ -82,12 +82,14 @@ def write_hdf5(
         for text in (record.name, record.source, *record.channels):
             if "\0" in text or any("\ud800" <= sign <= "\udfff" for sign in text):
                 raise InputError(f"{path}: {text!r} cannot be stored as text: rename it")
-    with replacing(path, overwrite=overwrite) as temporary:
-        with h5py.File(temporary, "x") as content:
-            content.attrs["format"] = _FORMAT
-            content.attrs["version"] = _VERSION
-            for number, record in enumerate(campaign):
-                _write_record(content.create_group(f"record_{number:04d}"), record)
+    with (
+        replacing(path, overwrite=overwrite) as temporary,
+        h5py.File(temporary, "x") as content,
+    ):
+        content.attrs["format"] = _FORMAT
+        content.attrs["version"] = _VERSION
+        for number, record in enumerate(campaign):
+            _write_record(content.create_group(f"record_{number:04d}"), record)
 
 
 def _write_record(group: Any, record: Measurement) -> None:
