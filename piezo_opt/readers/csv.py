@@ -16,7 +16,7 @@ from __future__ import annotations
 import itertools
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -132,7 +132,7 @@ def _table(file: Path, lines: TextIO) -> Table:
         raise InputError(f"{file}: row {header_row} is a header without rows: export it again")
     try:
         rows = np.loadtxt(
-            itertools.chain([first_data], lines),
+            _with_data(itertools.chain([first_data], lines)),
             delimiter=separator,
             comments="#",
             ndmin=2,
@@ -154,6 +154,14 @@ def _table(file: Path, lines: TextIO) -> Table:
         row=_row_namer(file, header_row),
         metadata=_metadata(file, comments, [name for name, _ in columns]),
     )
+
+
+def _with_data(lines: Iterable[str]) -> Iterator[str]:
+    """The lines that hold cells. The fast parser skips others too, but warns about each."""
+    for line in lines:
+        text = line.lstrip()
+        if text and not text.startswith("#"):
+            yield line
 
 
 def _separator(text: str) -> str | None:

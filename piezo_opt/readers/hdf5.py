@@ -50,7 +50,11 @@ def campaign_from_hdf5(path: str | os.PathLike[str]) -> Campaign | None:
             raise InputError(
                 f"{file}: has layout version {version}, this package reads {_VERSION}: update it"
             )
-        return Campaign(tuple(_record(file, content[name]) for name in sorted(content)))
+        records = tuple(_record(file, content[name]) for name in sorted(content))
+    try:
+        return Campaign(records)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error
 
 
 def table_from_hdf5(path: str | os.PathLike[str]) -> Table:
