@@ -8,6 +8,7 @@ Fields of a structure are called by their path, ``record.u``.
 
 from __future__ import annotations
 
+import math
 import os
 import warnings
 from pathlib import Path
@@ -46,7 +47,12 @@ def _variables(file: Path) -> dict[str, Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
+            # Sizes first: a small compressed file can unfold to more than the memory holds.
+            for _, shape, _ in io.whosmat(file):
+                refuse_rows(file, math.prod(shape))
             return dict(io.loadmat(file, simplify_cells=True))
+    except InputError:
+        raise
     except Exception as error:  # a damaged file surfaces as any of the library's many errors
         raise InputError(
             f"{file}: is not a whole MATLAB file: save it again, for example with save -v7 "

@@ -211,6 +211,14 @@ class TestMatlab:
         with pytest.raises(InputError, match=r"element 5, column 'y \[um\]': nan"):
             read(tmp_path / "a.mat", **self.SAID)
 
+    def test_too_many_samples_are_refused_before_they_are_read(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        io.savemat(tmp_path / "a.mat", {"t": T, "u": U, "y": Y}, do_compression=True)
+        monkeypatch.setattr(files, "MOST_ROWS", 100)
+        with pytest.raises(InputError, match="more than 100 samples"):
+            read(tmp_path / "a.mat", **self.SAID)
+
     @pytest.mark.parametrize("part", [0.1, 0.5, 0.9])
     @pytest.mark.parametrize("compressed", [False, True])
     def test_cut_short(self, tmp_path: Path, part: float, compressed: bool) -> None:
