@@ -1,0 +1,96 @@
+"""The model for a first fit: what a record can see, and no more."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from piezo_opt.effects.model import Model
+from piezo_opt.effects.motion.second_order import SecondOrder
+from piezo_opt.effects.output.offset import Offset
+from piezo_opt.effects.strain.bouc_wen import BoucWen
+from piezo_opt.effects.strain.piezo_gain import PiezoGain
+from piezo_opt.identification.monitor import Monitor
+from piezo_opt.identification.objective import Objective
+from piezo_opt.identification.problem import Identification
+from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
+from piezo_opt.identification.starting import starting_values
+from piezo_opt.identification.unknowns import theta_of, unknowns
+from piezo_opt.measurement import Campaign, Measurement
+
+_DAMPED = 0.7
+"""A resonance with more damping has no peak and no ringing: a lag would do as well."""
+
+
+def default_model(
+    records: Campaign | Measurement | Iterable[Measurement],
+) -> tuple[Model, tuple[str, ...]]:
+    """Piezo gain + Bouc-Wen + second order + offset, quasi-static where no resonance is seen.
+
+    The mechanics are kept when, on the first record, they lower the Bayesian information
+    criterion by more than 10 and the residual by at least 2 %, with a damping ratio below 0.7
+    and a natural frequency that the sampling holds (at least 2.5 samples a cycle).
+
+    Returns:
+        the model, and sentences on what was left out and why.
+    """
+    record = Campaign.of(records).records[0]
+    still = PiezoGain() + BoucWen() + Offset()
+    moving = PiezoGain() + BoucWen() + SecondOrder() + Offset()
+    short = _stretch(record)
+    calm, _ = _quick(still, short)
+    try:
+        swinging, values = _quick(moving, short)
+    except ArithmeticError:
+        return still, (_sentence(record, "no natural frequency could be fitted"),)
+    n = int(short.counted.sum())
+    gain = n * np.log(calm / swinging) if swinging > 0 else np.inf
+    omega, zeta = values["second_order.omega"], values["second_order.zeta"]
+    paid = 4.0 * np.log(n) + 20.0
+    if gain <= paid or swinging > 0.96 * calm:
+        return still, (_sentence(record, "mechanics do not lower the residual"),)
+    if zeta >= _DAMPED:
+        return still, (
+            _sentence(record, f"the best resonance is overdamped (zeta {zeta:.2g}), without peak"),
+        )
+    if omega * short.step > 2.0 * np.pi / 2.5:
+        return still, (
+            _sentence(
+                record,
+                f"the best resonance ({omega / 2 / np.pi:.3g} Hz) has fewer than 2.5 samples a "
+                "cycle",
+            ),
+        )
+    return moving, ()
+
+
+def _sentence(record: Measurement, why: str) -> str:
+    return (
+        f"{record.name}: the mechanics are taken as quasi-static, because {why} at "
+        f"{record.rate:.4g} samples/s with this drive; a resonance is not identifiable here. To "
+        "see it, sample at ten times its frequency and excite it (steps, chirp, multisine)."
+    )
+
+
+def _stretch(record: Measurement, most: int = 20_000) -> Measurement:
+    """The beginning of a long record: enough to decide."""
+    if len(record) <= most or record.period is not None:
+        return record
+    return record.slice(None, float(record.time[most]))
+
+
+def _quick(model: Model, record: Measurement) -> tuple[float, dict[str, float]]:
+    """Sum of squares after a few steps, and the values there."""
+    question = replace(Identification(model, record))
+    monitor = Monitor(())
+    start = starting_values(question, monitor)
+    unknown = unknowns(question, start)
+    theta = theta_of(unknown, start)
+    objective = Objective(question, unknown, theta, Monitor(unknown.names))
+    solution = LevenbergMarquardt(iterations=40, tolerance=1e-5).minimise(objective, theta)
+    residual = objective.residual(solution.theta)
+    if not np.isfinite(residual).all():
+        raise ArithmeticError("no finite fit")
+    return float(residual @ residual), dict(unknown.values(solution.theta))

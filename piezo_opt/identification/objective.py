@@ -1,0 +1,170 @@
+"""Single shooting as a function: residuals of all records and their exact Jacobian."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.identification.monitor import Monitor
+from piezo_opt.identification.problem import Identification, Loss, Shape, Start
+from piezo_opt.identification.unknowns import Unknowns
+from piezo_opt.simulation import Accuracy, Initial, Simulator
+
+FloatArray = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Residuals and their Jacobian at one point.
+
+    Attributes:
+        residual: (M,) modelled minus measured on counted samples [m], weighted; then one row for
+            each prior, in units of the noise.
+        jacobian: (M, k) by the unknowns in SI units.
+    """
+
+    residual: FloatArray
+    jacobian: FloatArray
+
+
+@final
+class Objective:
+    """``r(theta)`` of a question, simulated from each record's start to its end.
+
+    Args:
+        question: the identification.
+        unknowns: names, bounds and kept values.
+        at: point at which the number of sub-steps is chosen.
+        monitor: counts the simulations.
+    """
+
+    def __init__(
+        self, question: Identification, unknowns: Unknowns, at: FloatArray, monitor: Monitor
+    ) -> None:
+        self.question = question
+        self.unknowns = unknowns
+        self.monitor = monitor
+        records = question.campaign.records
+        weights = question.weights or (1.0,) * len(records)
+        self._root_weights = [float(np.sqrt(w)) for w in weights]
+        self._columns = [unknowns.columns(i) for i in range(len(records))]
+        self.simulators = [
+            Simulator(
+                question.model, record, unknowns.of_record(i, at),
+                directions=tuple(unknowns.members[k].local for k in self._columns[i]),
+                initial=(
+                    Initial.PERIODIC
+                    if question.start_of(record) is Start.PERIODIC
+                    else Initial.REST
+                ),
+                runtime=question.free,
+            )
+            for i, record in enumerate(records)
+        ]  # fmt: skip
+        self.counted = [r.counted for r in records]
+        self.samples = int(sum(c.sum() for c in self.counted))
+        self._priors = [
+            (k, m.prior) for k, m in enumerate(unknowns.members) if m.prior is not None
+        ]
+
+    @property
+    def accuracy(self) -> tuple[Accuracy, ...]:
+        """Sub-steps and scheme error of each record."""
+        return tuple(s.accuracy for s in self.simulators)
+
+    def refine(self, theta: FloatArray) -> bool:
+        """Choose the sub-steps anew at a point; True when they had been too coarse."""
+        coarser = False
+        for i, simulator in enumerate(self.simulators):
+            before = simulator.accuracy.substeps
+            simulator.accuracy = simulator.choose(self.unknowns.of_record(i, theta))
+            after = simulator.accuracy.substeps
+            coarser |= after.longest < 0.99 * before.longest
+            coarser |= after.largest_move < 0.99 * before.largest_move
+        return coarser
+
+    def readings(self, theta: FloatArray) -> list[FloatArray]:
+        """Modelled reading of each record, all samples."""
+        self.monitor.simulations += len(self.simulators)
+        return [s.reading(self.unknowns.of_record(i, theta)) for i, s in enumerate(self.simulators)]
+
+    def residual(self, theta: FloatArray) -> FloatArray:
+        """Residuals at a point, as in :class:`Linearised`."""
+        parts = [
+            self._root_weights[i] * (reading - record.position)[self.counted[i]]
+            for i, (reading, record) in enumerate(
+                zip(self.readings(theta), self.question.campaign.records, strict=True)
+            )
+        ]
+        return np.concatenate([*parts, self._prior_rows(theta)])
+
+    def linearised(self, theta: FloatArray) -> Linearised:
+        """Residuals and Jacobian at a point."""
+        self.monitor.with_sensitivities += len(self.simulators)
+        residuals, blocks = [], []
+        for i, simulator in enumerate(self.simulators):
+            record, mask = self.question.campaign.records[i], self.counted[i]
+            reading, slopes = simulator.with_sensitivities(self.unknowns.of_record(i, theta))
+            residuals.append(self._root_weights[i] * (reading - record.position)[mask])
+            if len(self.simulators) == 1 and mask.all() and self._root_weights[i] == 1.0:
+                blocks.append(slopes)
+                continue
+            block = np.zeros((int(mask.sum()), theta.size))
+            block[:, self._columns[i]] = self._root_weights[i] * slopes[mask]
+            blocks.append(block)
+        if self._priors:
+            noise = float(self.question.noise or 1.0)
+            rows = np.zeros((len(self._priors), theta.size))
+            for row, (k, prior) in enumerate(self._priors):
+                rows[row, k] = noise / prior.std
+            blocks.append(rows)
+        residual = np.concatenate([*residuals, self._prior_rows(theta)])
+        return Linearised(residual, blocks[0] if len(blocks) == 1 else np.vstack(blocks))
+
+    def _prior_rows(self, theta: FloatArray) -> FloatArray:
+        noise = float(self.question.noise or 1.0)
+        return np.array([noise * (theta[k] - p.mean) / p.std for k, p in self._priors])
+
+    def cost(self, residual: FloatArray) -> float:
+        """Half the sum of the loss over the residuals [m^2]."""
+        if not np.isfinite(residual).all():
+            return float("inf")
+        return 0.5 * float(np.sum(_rho(residual, self.question.loss)))
+
+    def rms(self, residual: FloatArray) -> float:
+        """Root mean square of the (weighted) residuals without prior rows [m]."""
+        return float(np.sqrt(np.mean(residual[: self.samples] ** 2)))
+
+    def robust(self, point: Linearised) -> Linearised:
+        """Residual and Jacobian whose plain least squares step is that of the robust loss."""
+        loss = self.question.loss
+        if loss.shape is Shape.SQUARE:
+            return point
+        weight = np.sqrt(_rho_slope(point.residual, loss))
+        return Linearised(weight * point.residual, weight[:, None] * point.jacobian)
+
+
+def _rho(residual: FloatArray, loss: Loss) -> FloatArray:
+    if loss.shape is Shape.SQUARE:
+        return residual**2
+    z = (residual / loss.scale) ** 2
+    if loss.shape is Shape.SOFT_L1:
+        rho = 2.0 * (np.sqrt(1.0 + z) - 1.0)
+    elif loss.shape is Shape.HUBER:
+        rho = np.where(z <= 1.0, z, 2.0 * np.sqrt(np.maximum(z, 1.0)) - 1.0)
+    else:
+        rho = np.log1p(z)
+    return np.asarray(loss.scale**2 * rho)
+
+
+def _rho_slope(residual: FloatArray, loss: Loss) -> FloatArray:
+    z = (residual / loss.scale) ** 2
+    if loss.shape is Shape.SOFT_L1:
+        return np.asarray(1.0 / np.sqrt(1.0 + z))
+    if loss.shape is Shape.HUBER:
+        return np.where(z <= 1.0, 1.0, 1.0 / np.sqrt(np.maximum(z, 1.0)))
+    return np.asarray(1.0 / (1.0 + z))

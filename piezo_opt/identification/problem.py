@@ -1,0 +1,204 @@
+"""The question: which model, which records, what is known beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import final
+
+import numpy as np
+
+from piezo_opt.effects.model import Model
+from piezo_opt.errors import InputError, ModelError
+from piezo_opt.measurement import Campaign, Measurement
+from piezo_opt.units import quantity
+from piezo_opt.values import Values
+
+
+class Start(Enum):
+    """What is known of the states where a record begins."""
+
+    FREE = "free"
+    """Not known: the states that keep a memory are estimated."""
+    REST = "rest"
+    """A virgin actuator at rest under the first drive."""
+    PERIODIC = "periodic"
+    """The periodic steady state of a record with a period."""
+
+
+@final
+@dataclass(frozen=True)
+class Prior:
+    """What is known of a parameter beforehand: a normal distribution, in SI units."""
+
+    mean: float
+    std: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.mean) and np.isfinite(self.std) and self.std > 0):
+            raise InputError(
+                f"Prior({self.mean}, {self.std}): the mean must be finite and the standard "
+                "deviation a positive number in the parameter's SI unit."
+            )
+
+
+class Shape(Enum):
+    """How the cost of one residual grows, beyond a residual of one scale."""
+
+    SQUARE = "square"
+    SOFT_L1 = "soft_l1"
+    HUBER = "huber"
+    CAUCHY = "cauchy"
+
+
+@final
+@dataclass(frozen=True)
+class Loss:
+    """Robust loss rho of the residual r: cost = scale^2 / 2 sum rho((r / scale)^2).
+
+    Args:
+        shape: ``SQUARE`` is least squares; the others grow more slowly, so outliers weigh less.
+        scale: residual [m] at which an outlier begins (not used by ``SQUARE``).
+
+    Source: Triggs et al. (2000), Bundle Adjustment - A Modern Synthesis, sec. 3.3.
+    """
+
+    shape: Shape = Shape.SQUARE
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not self.scale > 0:
+            raise InputError(f"Loss scale is {self.scale}; give a positive length in metres.")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Which values make the model read what the records read?
+
+    Args:
+        model: a sum of effects.
+        records: one measurement, several, or a campaign; they share every parameter except
+            those of ``per_record``, those declared per record (offset), and initial states.
+        values: start values by name, in SI units or as text ("0.1 um/V"); a start given here is
+            respected, the others are found from the records.
+        fixed: parameters kept at a value.
+        free: parameters declared fixed (exponents) that shall be estimated.
+        bounds: tighter or wider bounds than declared, by name.
+        priors: normal priors by name; they weigh against ``noise``.
+        per_record: shared parameters that shall take one value for each record.
+        start: what is known of the states where a record begins; periodic for records with a
+            period unless told otherwise, free else.
+        loss: least squares or a robust loss.
+        noise: standard deviation of the reading's noise [m]; needed for priors only.
+        weights: one positive weight a record (default 1 each).
+
+    Raises:
+        ModelError: a name is not a parameter of the model; the remedy lists those there are.
+        InputError: a number makes no sense.
+    """
+
+    model: Model
+    records: Campaign | Measurement | Iterable[Measurement]
+    values: Mapping[str, float | str] = field(default_factory=dict)
+    fixed: Mapping[str, float | str] = field(default_factory=dict)
+    free: tuple[str, ...] = ()
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+    per_record: tuple[str, ...] = ()
+    start: Start | None = None
+    loss: Loss = field(default_factory=Loss)
+    noise: float | None = None
+    weights: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        campaign = Campaign.of(self.records)
+        object.__setattr__(self, "records", campaign)
+        known = self.model.parameters
+        for what, names in (
+            ("values", self.values), ("fixed", self.fixed), ("free", self.free),
+            ("bounds", self.bounds), ("priors", self.priors), ("per_record", self.per_record),
+        ):  # fmt: skip
+            for name in names:
+                if plain(name) not in known and not name.startswith("initial."):
+                    raise ModelError(
+                        f"{what}: the model has no parameter '{name}'; it has {', '.join(known)}."
+                    )
+        for mapping in ("values", "fixed"):
+            given = {k: self._number(k, v) for k, v in getattr(self, mapping).items()}
+            object.__setattr__(self, mapping, given)
+        for name, (low, high) in self.bounds.items():
+            if not low < high:
+                raise InputError(f"bounds of '{name}': {low} is not below {high}; give (low, high).")
+        if self.priors and self.noise is None:
+            raise InputError(
+                "Priors weigh against the noise of the reading: give noise=... in metres "
+                "(record.noise_from_periods() where there are periods)."
+            )
+        if self.noise is not None and not self.noise > 0:
+            raise InputError(f"noise is {self.noise}; give a positive length in metres.")
+        if self.weights and (
+            len(self.weights) != len(campaign.records) or min(self.weights) <= 0
+        ):
+            raise InputError(
+                f"weights {self.weights}: give one positive number for each of the "
+                f"{len(campaign.records)} records."
+            )
+        if self.start is Start.PERIODIC:
+            for record in campaign.records:
+                if record.period is None:
+                    raise InputError(
+                        f"{record.name}: start=periodic needs a period; read the record with "
+                        "period=... or leave start to be found."
+                    )
+
+    def _number(self, name: str, value: float | str) -> float:
+        declared = self.model.parameters.get(plain(name))
+        return quantity(value, declared.unit) if declared and isinstance(value, str) else float(value)
+
+    @property
+    def campaign(self) -> Campaign:
+        """The records."""
+        assert isinstance(self.records, Campaign)
+        return self.records
+
+    def start_of(self, record: Measurement) -> Start:
+        """What is taken as known of the states where this record begins."""
+        if self.start is not None:
+            return self.start
+        return Start.FREE if record.period is None else Start.PERIODIC
+
+    def with_model(self, model: Model) -> Identification:
+        """The same question to another model; what it does not have is dropped."""
+        known = model.parameters
+
+        def kept(name: str) -> bool:
+            return plain(name) in known or name.startswith("initial.")
+
+        return replace(
+            self,
+            model=model,
+            values={k: v for k, v in self.values.items() if kept(k)},
+            fixed={k: v for k, v in self.fixed.items() if kept(k)},
+            free=tuple(k for k in self.free if kept(k)),
+            bounds={k: v for k, v in self.bounds.items() if kept(k)},
+            priors={k: v for k, v in self.priors.items() if kept(k)},
+            per_record=tuple(k for k in self.per_record if kept(k)),
+        )
+
+    def with_records(self, records: Campaign | Measurement | Iterable[Measurement]) -> Identification:
+        """The same question to other records."""
+        return replace(self, records=records, weights=())
+
+    def starting_at(self, values: Values | Mapping[str, float]) -> Identification:
+        """The same question with these start values (names that it lacks are left out)."""
+        known = self.model.parameters
+        usable = {k: v for k, v in values.items() if plain(k) in known or k.startswith("initial.")}
+        return replace(self, values={**self.values, **usable})
+
+
+def plain(name: str) -> str:
+    """Name of a parameter without its record's number: ``"offset.y0[1]" -> "offset.y0"``."""
+    head, bracket, _ = name.partition("[")
+    return head if bracket and not name.startswith("initial.") else name

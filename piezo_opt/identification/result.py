@@ -1,0 +1,294 @@
+"""The answer: values with their uncertainty, what happened, and what the record cannot see."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import cached_property
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from piezo_opt.effects.model import Model
+from piezo_opt.identification.problem import Identification, plain
+from piezo_opt.measurement import Measurement
+from piezo_opt.simulation import INITIAL, Accuracy
+from piezo_opt.units import show
+from piezo_opt.values import Values
+
+FloatArray = NDArray[np.float64]
+
+SCHEMA = "piezo_opt/fit/1"
+
+
+class Ending(Enum):
+    """How a solver ended."""
+
+    CONVERGED = "converged"
+    LIMIT = "limit"
+    """The limit of iterations or evaluations was reached."""
+    INTERRUPTED = "interrupted"
+    """Stopped by the user; the best so far is kept."""
+    FAILED = "failed"
+    """No finite or no better point was found."""
+
+
+@final
+@dataclass(frozen=True)
+class Outcome:
+    """How it ended, as a word and as a sentence that names the remedy."""
+
+    ending: Ending
+    sentence: str
+
+    @property
+    def success(self) -> bool:
+        """Whether the solver converged."""
+        return self.ending is Ending.CONVERGED
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Every iterate of the solver.
+
+    Attributes:
+        names: the unknowns.
+        values: (iterations, k) SI values.
+        rms: (iterations,) root mean square of the counted residuals [m].
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    rms: FloatArray
+
+
+@final
+@dataclass(frozen=True)
+class Evaluations:
+    """Simulations spent over all records and phases, start values included."""
+
+    simulations: int
+    with_sensitivities: int
+
+    @property
+    def total(self) -> int:
+        """Both kinds together."""
+        return self.simulations + self.with_sensitivities
+
+
+@final
+@dataclass(frozen=True)
+class StartResult:
+    """One start of a multi-start: its number, where it led, and how."""
+
+    index: int
+    rms: float
+    ending: str
+    values: Mapping[str, float]
+    evaluations: int
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Result of an identification.
+
+    Attributes:
+        question: what was asked.
+        values: every value, estimated and kept, in SI units.
+        names: the estimated unknowns.
+        covariance: (k, k) of the unknowns, NaN rows for those at a bound.
+        coloured: whether the covariance allows for correlated residuals.
+        at_bound: unknowns that ended at a bound.
+        readings: modelled reading (N,) [m] of each record, uncounted samples included.
+        outcome: how it ended.
+        trace: every iterate.
+        evaluations: simulations spent.
+        wall_s: seconds spent.
+        blind: what the data cannot see, in sentences.
+        remarks: what else the reader should know, in sentences.
+        accuracy: sub-steps and scheme error for each record.
+        compiled: whether machine code ran.
+        solver, transcription: what was used.
+        starts: results of a multi-start, best first; empty for one start.
+    """
+
+    question: Identification
+    values: Values
+    names: tuple[str, ...]
+    covariance: FloatArray
+    coloured: bool
+    at_bound: tuple[str, ...]
+    readings: tuple[FloatArray, ...]
+    outcome: Outcome
+    trace: Trace
+    evaluations: Evaluations
+    wall_s: float
+    blind: tuple[str, ...]
+    remarks: tuple[str, ...]
+    accuracy: tuple[Accuracy, ...]
+    compiled: bool
+    solver: str
+    transcription: str
+    starts: tuple[StartResult, ...] = field(default=())
+
+    @property
+    def model(self) -> Model:
+        """The fitted model."""
+        return self.question.model
+
+    @property
+    def records(self) -> tuple[Measurement, ...]:
+        """The records fitted to."""
+        return self.question.campaign.records
+
+    def residual(self, index: int = 0) -> FloatArray:
+        """Measured minus modelled on the counted samples of one record [m]."""
+        record = self.records[index]
+        return np.asarray((record.position - self.readings[index])[record.counted])
+
+    @cached_property
+    def residuals(self) -> FloatArray:
+        """Measured minus modelled on the counted samples of all records [m]."""
+        return np.concatenate([self.residual(i) for i in range(len(self.records))])
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals [m]."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
+
+    @property
+    def fit_percent(self) -> float:
+        """``100 (1 - |y - yhat| / |y - mean y|)`` over all records."""
+        spread = np.concatenate(
+            [
+                r.position[r.counted] - r.position[r.counted].mean()
+                for r in self.records
+            ]
+        )
+        return float(100.0 * (1.0 - np.linalg.norm(self.residuals) / np.linalg.norm(spread)))
+
+    @property
+    def std(self) -> Mapping[str, float]:
+        """Standard deviation of each unknown; NaN for one at a bound."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """Confidence interval of an unknown (Student's t)."""
+        free = max(1, self.residuals.size - len(self.names))
+        half = float(stats.t.ppf(0.5 + 0.5 * level, free)) * self.std[name]
+        return self.values[name] - half, self.values[name] + half
+
+    @property
+    def correlation(self) -> FloatArray:
+        """(k, k) correlation of the unknowns."""
+        size = np.sqrt(np.diag(self.covariance))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(self.covariance / np.outer(size, size))
+
+    def unit(self, name: str) -> str:
+        """SI unit of an unknown."""
+        if name.startswith(INITIAL):
+            state = name.removeprefix(INITIAL).split("[")[0]
+            effect, _, own = state.rpartition(".")
+            return self.model[effect].declared_states[own].unit
+        return self.model.parameters[plain(name)].unit
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, SI units, with a ``schema`` key."""
+        shown = [n for n in self.values if not n.startswith(INITIAL) or n in self.names]
+        std = self.std
+        return {
+            "schema": SCHEMA,
+            "outcome": {
+                "success": self.outcome.success,
+                "ending": self.outcome.ending.value,
+                "sentence": self.outcome.sentence,
+            },
+            "rms": self.rms,
+            "fit_percent": self.fit_percent,
+            "model": self.model.to_dict(),
+            "records": [r.name for r in self.records],
+            "parameters": {
+                n: {
+                    "value": self.values[n],
+                    "std": _finite(std.get(n)),
+                    "unit": self.unit(n),
+                    "estimated": n in self.names,
+                    "at_bound": n in self.at_bound,
+                }
+                for n in shown
+            },
+            "correlation": {
+                "names": list(self.names),
+                "matrix": [[_finite(v) for v in row] for row in self.correlation.tolist()],
+            },
+            "blind": list(self.blind),
+            "remarks": list(self.remarks),
+            "evaluations": {
+                "total": self.evaluations.total,
+                "simulations": self.evaluations.simulations,
+                "with_sensitivities": self.evaluations.with_sensitivities,
+            },
+            "iterations": int(self.trace.rms.size),
+            "wall_s": self.wall_s,
+            "solver": self.solver,
+            "transcription": self.transcription,
+            "compiled": self.compiled,
+            "scheme_error_rms": [a.error for a in self.accuracy],
+            "starts": [
+                {
+                    "index": s.index, "rms": s.rms, "ending": s.ending,
+                    "values": dict(s.values), "evaluations": s.evaluations,
+                }
+                for s in self.starts
+            ],
+        }  # fmt: skip
+
+    def write_json(self, path: str | Path) -> None:
+        """Write :meth:`to_dict` to a file, whole or not at all."""
+        target = Path(path)
+        scratch = target.with_name(f".{target.name}.part")
+        scratch.write_text(json.dumps(self.to_dict(), indent=2) + "\n")
+        scratch.replace(target)
+
+    def __str__(self) -> str:
+        lines = [
+            self.outcome.sentence,
+            f"rms {show(self.rms, 'm')}, fit {self.fit_percent:.2f} %, "
+            f"{self.evaluations.total} simulations, {self.wall_s:.2f} s"
+            f"{'' if self.compiled else ' (no C compiler: slower virtual machine)'}",
+            "",
+            f"  {'parameter':<28} {'value':>14} {'± 95 %':>12}  unit",
+        ]
+        for name in self.values:
+            if name.startswith(INITIAL) and name not in self.names:
+                continue
+            value = self.values[name]
+            if name not in self.names:
+                note = "fixed"
+            elif name in self.at_bound:
+                note = "at bound"
+            else:
+                low, high = self.interval(name)
+                note = f"{0.5 * (high - low):.2g}"
+            lines.append(f"  {name:<28} {value:>14.6g} {note:>12}  {self.unit(name)}")
+        if self.coloured:
+            lines.append("  (residuals are correlated in time; the intervals allow for it)")
+        if self.blind:
+            lines += ["", "What the data cannot see:"]
+            lines += [f"  - {sentence}" for sentence in self.blind]
+        if self.remarks:
+            lines += ["", "Remarks:"]
+            lines += [f"  - {sentence}" for sentence in self.remarks]
+        return "\n".join(lines)
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else float(value)

@@ -1,0 +1,214 @@
+"""One verb: question in, fit out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.identification.monitor import Monitor, ProgressCallback
+from piezo_opt.identification.multistart import run_starts
+from piezo_opt.identification.objective import Objective
+from piezo_opt.identification.problem import Identification
+from piezo_opt.identification.result import Ending, Fit, Outcome
+from piezo_opt.identification.solvers.base import Solution
+from piezo_opt.identification.starting import starting_values
+from piezo_opt.identification.statistics import blind_spots, uncertainty
+from piezo_opt.identification.transcription import SingleShooting, Transcription
+from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
+from piezo_opt.units import show
+from piezo_opt.values import Values
+
+FloatArray = NDArray[np.float64]
+
+
+def solve(
+    question: Identification,
+    *,
+    transcription: Transcription | None = None,
+    solver: object | None = None,
+    start: Fit | Values | Mapping[str, float] | None = None,
+    starts: int = 1,
+    seed: int = 0,
+    executor: Executor | None = None,
+    log: str | Path | None = None,
+    progress: ProgressCallback | None = None,
+) -> Fit:
+    """Estimate the unknowns of a question.
+
+    Args:
+        question: model, records and what is known.
+        transcription: single shooting unless told otherwise.
+        solver: the transcription's own unless told otherwise.
+        start: values (or an earlier fit) to start from; what it lacks is found from the records.
+        starts: number of starts; beyond the first they are drawn from the typical ranges.
+        seed: of the random starts.
+        executor: runs the starts in parallel.
+        log: HDF5 file that keeps every finished start; a second call with the same question,
+            seed and file goes on where the first was stopped.
+        progress: called with each iterate.
+
+    Returns:
+        the best fit. An interrupt (Ctrl-C) returns the best so far, and says so.
+
+    Raises:
+        InputError, ModelError: the question makes no sense; the sentence names the remedy.
+    """
+    chosen: Transcription = SingleShooting() if transcription is None else transcription
+    asked = question if start is None else question.starting_at(_numbers(start))
+    scout = Monitor(())
+    begin = starting_values(asked, scout)
+    unknown = unknowns(asked, begin)
+    theta = theta_of(unknown, {**begin, **asked.values})
+    monitor = Monitor(unknown.names, progress)
+    monitor.simulations, monitor.with_sensitivities = scout.simulations, scout.with_sensitivities
+    if starts > 1:
+        runs = run_starts(
+            asked, unknown, theta, chosen, solver, starts, seed, executor, log, monitor
+        )
+        best = Solution(runs.theta, runs.ending, runs.sentence)
+        fit = _finish(asked, unknown, best, chosen, solver, monitor)
+        return replace(fit, starts=runs.results)
+    try:
+        solution = chosen.identify(asked, unknown, theta, solver, monitor)
+    except KeyboardInterrupt:
+        found = theta if monitor.best is None else monitor.best
+        solution = Solution(found, Ending.INTERRUPTED, "")
+    return _finish(asked, unknown, solution, chosen, solver, monitor)
+
+
+def _numbers(start: Fit | Values | Mapping[str, float]) -> Mapping[str, float]:
+    return start.values if isinstance(start, Fit) else start
+
+
+def _finish(
+    question: Identification,
+    unknown: Unknowns,
+    solution: Solution,
+    transcription: Transcription,
+    solver: object | None,
+    monitor: Monitor,
+) -> Fit:
+    """Statistics at the solution, on exact sensitivities, whatever found it."""
+    theta = unknown.clip(solution.theta)
+    spent = monitor.evaluations
+    objective = Objective(question, unknown, theta, Monitor(unknown.names))
+    point = objective.linearised(theta)
+    at_bound = _at_bound(unknown, theta, point.jacobian.T @ point.residual)
+    free = np.array([n not in at_bound for n in unknown.names], dtype=bool)
+    scale = unknown.scale
+    k = theta.size
+    covariance, coloured = np.full((k, k), np.nan), False
+    blind: tuple[str, ...] = ()
+    weighted = objective.robust(point)
+    if np.isfinite(weighted.jacobian).all() and np.isfinite(weighted.residual).all():
+        scaled = weighted.jacobian * scale
+        known = uncertainty(weighted.residual, scaled, free, objective.samples)
+        covariance, coloured = known.covariance * np.outer(scale, scale), known.coloured
+        blind = blind_spots(
+            unknown.names, theta, scale, weighted.residual, weighted.jacobian, free
+        )
+    readings = tuple(objective.readings(theta))
+    fit = Fit(
+        question=question,
+        values=unknown.values(theta),
+        names=unknown.names,
+        covariance=covariance,
+        coloured=coloured,
+        at_bound=at_bound,
+        readings=readings,
+        outcome=Outcome(solution.ending, ""),
+        trace=monitor.trace,
+        evaluations=spent,
+        wall_s=monitor.elapsed_s,
+        blind=blind,
+        remarks=(),
+        accuracy=objective.accuracy,
+        compiled=all(s.compiled for s in objective.simulators),
+        solver=getattr(solver, "name", "levenberg_marquardt" if solver is None else "?"),
+        transcription=transcription.name,
+    )
+    return replace(
+        fit, outcome=_outcome(solution, fit), remarks=_remarks(question, unknown, theta, fit)
+    )
+
+
+def _at_bound(unknown: Unknowns, theta: FloatArray, gradient: FloatArray) -> tuple[str, ...]:
+    """Unknowns on a bound with the cost falling outward."""
+    names = []
+    for k, member in enumerate(unknown.members):
+        slack = 1e-9 * max(abs(theta[k]), member.scale)
+        if (theta[k] - member.low <= slack and gradient[k] >= 0) or (
+            member.high - theta[k] <= slack and gradient[k] <= 0
+        ):
+            names.append(member.name)
+    return tuple(names)
+
+
+def _outcome(solution: Solution, fit: Fit) -> Outcome:
+    """The sentence of how it ended, with the remedy."""
+    if solution.ending is Ending.CONVERGED:
+        sentence = (
+            f"Converged after {max(0, fit.trace.rms.size - 1)} iterations: rms "
+            f"{show(fit.rms, 'm')}, fit {fit.fit_percent:.1f} %."
+        )
+        if fit.at_bound:
+            sentence += (
+                f" {', '.join(fit.at_bound)} ended at a bound: widen it (bounds=...) or drop the "
+                "effect."
+            )
+    elif solution.ending is Ending.INTERRUPTED:
+        sentence = (
+            f"Interrupted after {fit.trace.rms.size} iterations; this is the best so far (rms "
+            f"{show(fit.rms, 'm')}). Go on with solve(question, start=fit)."
+        )
+    else:
+        sentence = solution.sentence
+    return Outcome(solution.ending, sentence)
+
+
+def _remarks(
+    question: Identification, unknown: Unknowns, theta: FloatArray, fit: Fit
+) -> tuple[str, ...]:
+    remarks: list[str] = []
+    for record in question.campaign.records:
+        remarks += [f"{record.name}: {sentence}" for sentence in record.remarks]
+    for record, accuracy in zip(question.campaign.records, fit.accuracy, strict=True):
+        if accuracy.error > 0.1 * fit.rms:
+            remarks.append(
+                f"{record.name}: the integration scheme's own error is "
+                f"{show(accuracy.error, 'm')}, not far below the residual."
+            )
+    if question.model.quasi_static:
+        remarks.append("The model is quasi-static: position follows the free displacement at once.")
+    else:
+        for name, effect in question.model:
+            if any(s.position for s in effect.declared_states.values()):
+                remarks += _motion_remarks(question, name, fit)
+    return tuple(remarks)
+
+
+def _motion_remarks(question: Identification, name: str, fit: Fit) -> list[str]:
+    omega = fit.values.get(f"{name}.omega")
+    if omega is None or f"{name}.omega" not in fit.names:
+        return []
+    fastest = max(r.rate for r in question.campaign.records)
+    nyquist = np.pi * fastest
+    spread = fit.std[f"{name}.omega"]
+    if f"{name}.omega" in fit.at_bound or omega > 0.8 * nyquist:
+        return [
+            f"The natural frequency is not identifiable: {omega / 2 / np.pi:.4g} Hz lies at or "
+            f"above what {fastest:.4g} samples/s can hold (nothing above {fastest / 2:.4g} Hz is "
+            "seen). Sample faster, fix it, or leave the mechanics out."
+        ]
+    if not np.isfinite(spread) or spread > 0.5 * omega:
+        return [
+            f"The natural frequency is not identifiable from this drive "
+            f"({omega / 2 / np.pi:.4g} Hz ± {spread / 2 / np.pi:.2g} Hz): excite it, fix it, or "
+            "leave the mechanics out."
+        ]
+    return []

@@ -1,0 +1,35 @@
+"""What a least-squares solver is: an object with choices, and one method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.identification.objective import Objective
+from piezo_opt.identification.result import Ending
+
+FloatArray = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where a solver ended, how, and a sentence of why."""
+
+    theta: FloatArray
+    ending: Ending
+    sentence: str
+
+
+class ResidualSolver(Protocol):
+    """Minimises the objective of single shooting."""
+
+    @property
+    def name(self) -> str:
+        """Name in tables."""
+
+    def minimise(self, objective: Objective, start: FloatArray) -> Solution:
+        """From a start within the bounds to a minimum; reports to ``objective.monitor``."""

@@ -1,0 +1,122 @@
+"""Gauss-Newton steps, damped where the quadratic model cannot be trusted, within bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.identification.objective import Objective
+from piezo_opt.identification.result import Ending
+from piezo_opt.identification.solvers.base import Solution
+
+FloatArray = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True)
+class LevenbergMarquardt:
+    """Levenberg-Marquardt on exact sensitivities, projected onto the bounds.
+
+        (J'J + lambda D) step = -J'r,   D = largest column norms so far
+
+    Unknowns at a bound whose gradient points outward are left out of the step. The damping is
+    updated by the gain ratio (Nielsen).
+
+    Args:
+        iterations: most steps taken.
+        tolerance: relative decrease of the cost below which it has converged.
+
+    References: More (1978), The Levenberg-Marquardt algorithm, Lecture Notes in Mathematics 630;
+    Madsen, Nielsen & Tingleff (2004), Methods for Non-Linear Least Squares Problems, DTU, ch. 3;
+    Kanzow, Yamashita & Fukushima (2004), J. Comput. Appl. Math. 172(2), 375-397 (bounds).
+    """
+
+    iterations: int = 200
+    tolerance: float = 1e-9
+
+    @property
+    def name(self) -> str:
+        """Name in tables."""
+        return "levenberg_marquardt"
+
+    def minimise(self, objective: Objective, start: FloatArray) -> Solution:
+        """From a start within the bounds to a minimum."""
+        unknowns = objective.unknowns
+        scale, low, high = unknowns.scale, unknowns.low, unknowns.high
+        theta = unknowns.clip(start)
+        point = objective.linearised(theta)
+        cost = objective.cost(point.residual)
+        if not np.isfinite(cost):
+            return Solution(
+                theta, Ending.FAILED,
+                "The simulation is not finite at the start values; give other ones "
+                "(values={...}) or tighter bounds.",
+            )  # fmt: skip
+        objective.monitor.saw(theta, cost)
+        objective.monitor.iterate(theta, objective.rms(point.residual))
+        damping, growth = 1e-4, 2.0
+        floor = 1e-30 * max(cost, 1e-300)
+        norms = np.zeros(theta.size)
+        for _ in range(self.iterations):
+            weighted = objective.robust(point)
+            j = weighted.jacobian * scale
+            if not np.isfinite(j).all():
+                return Solution(
+                    theta, Ending.FAILED,
+                    "The sensitivities are not finite at the best point; tighten the bounds.",
+                )  # fmt: skip
+            gradient, normal = j.T @ weighted.residual, j.T @ j
+            norms = np.maximum(norms, np.sqrt(np.diag(normal)))
+            weight = np.where(norms > 0, norms, 1.0) ** 2
+            held = ((theta <= low) & (gradient > 0)) | ((theta >= high) & (gradient < 0))
+            held |= np.diag(normal) == 0.0
+            moving = np.flatnonzero(~held)
+            steepness = np.abs(gradient[moving]) / np.sqrt(weight[moving])
+            if moving.size == 0 or cost <= floor or steepness.max() <= 1e-10 * np.sqrt(cost):
+                return Solution(theta, Ending.CONVERGED, "the gradient vanished")
+            while True:
+                step = _step(normal, gradient, weight, damping, moving)
+                trial = np.clip(theta + step * scale, low, high)
+                step = (trial - theta) / scale
+                predicted = -float(gradient @ step + 0.5 * step @ normal @ step)
+                residual = objective.residual(trial)
+                trial_cost = objective.cost(residual)
+                gain = (cost - trial_cost) / predicted if predicted > 0 else -1.0
+                if gain > 1e-4:
+                    break
+                if predicted <= self.tolerance * cost and abs(trial_cost - cost) <= (
+                    10.0 * self.tolerance * cost
+                ):
+                    return Solution(theta, Ending.CONVERGED, "no step lowers the cost further")
+                damping, growth = damping * growth, 2.0 * growth
+                if damping > 1e16:
+                    return Solution(theta, Ending.CONVERGED, "no step lowers the cost further")
+            decrease = cost - trial_cost
+            damping = max(1e-14, damping * max(1.0 / 5.0, 1.0 - (2.0 * gain - 1.0) ** 3))
+            growth = 2.0
+            theta, cost = trial, trial_cost
+            objective.monitor.saw(theta, cost)
+            objective.monitor.iterate(theta, objective.rms(residual))
+            if decrease <= self.tolerance * cost and predicted <= self.tolerance * cost:
+                return Solution(theta, Ending.CONVERGED, "the cost stopped falling")
+            point = objective.linearised(theta)
+        return Solution(
+            theta, Ending.LIMIT,
+            f"Stopped after {self.iterations} iterations while the cost was still falling; go on "
+            "with solve(question, start=fit), or raise iterations.",
+        )  # fmt: skip
+
+
+def _step(
+    normal: FloatArray, gradient: FloatArray, weight: FloatArray, damping: float,
+    moving: NDArray[np.intp],
+) -> FloatArray:  # fmt: skip
+    size = np.sqrt(weight[moving])
+    system = normal[np.ix_(moving, moving)] / np.outer(size, size)
+    system[np.diag_indices_from(system)] += damping
+    step = np.zeros(gradient.size)
+    step[moving] = np.linalg.solve(system, -gradient[moving] / size) / size
+    return step

@@ -1,0 +1,318 @@
+"""Starting values found from the record: gain, loop, resonance, and one-step sizes of effects.
+
+The stroke per volt, the strength of the loop and the offset enter the reading (nearly) linearly,
+so for every trial of the shape parameters they follow from one linear least-squares step on exact
+sensitivities (variable projection; Golub & Pereyra 2003, Inverse Problems 19(2), R1-R26). What is
+searched over is small: the width of the loop, and the resonance, whose cost has many local minima
+and whose candidates come from the spectrum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from piezo_opt.effects.model import Model
+from piezo_opt.identification.monitor import Monitor
+from piezo_opt.identification.objective import Objective
+from piezo_opt.identification.problem import Identification
+from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
+from piezo_opt.measurement import Measurement
+from piezo_opt.values import Values
+
+FloatArray = NDArray[np.float64]
+
+_WIDTHS = (1.0, 3.0, 10.0)
+"""Trial widths of the loop, times one over the drive's range."""
+_DAMPINGS = (0.02, 0.2, 0.7)
+_ENOUGH = 2000
+"""Samples beyond which the widths of the loop are tried on every k-th reading only."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    cost: float
+    theta: FloatArray
+
+
+def starting_values(question: Identification, monitor: Monitor) -> Values:
+    """A value for every parameter: the user's own where given, found from the records elsewhere.
+
+    Raises:
+        InputError, ModelError: as the simulation does.
+    """
+    model = question.model
+    declared = model.parameters
+    start = dict(Values.nominal(model))
+    start.update({k: v for k, v in question.values.items() if isinstance(v, float)})
+    start.update({k: v for k, v in question.fixed.items() if isinstance(v, float)})
+    record = question.campaign.records[0]
+    given = set(question.values) | set(question.fixed)
+    settled = {k for k, p in declared.items() if p.fixed and k not in question.free} | given
+    gain, offset = _line(record)
+    swing = float(np.ptp(record.drive)) or 1.0
+    for name, p in declared.items():
+        if name in settled:
+            continue
+        if p.per_record and p.unit == "m":
+            start[name] = offset
+        elif p.unit == "m/V":
+            start[name] = gain
+    base = [n for n, e in model if e.structural]
+    shapes = [
+        n for n in declared
+        if n not in settled and n.split(".")[0] in base and declared[n].unit == "1/V"
+        and declared[n].bounds[0] >= 0.0
+    ]  # fmt: skip
+    frequencies = [
+        n for n in declared
+        if n not in settled and n.split(".")[0] in base and declared[n].unit == "rad/s"
+    ]  # fmt: skip
+    if not shapes and not frequencies and not model.gates:
+        return Values(start)
+
+    # Gains that the drive multiplies are no longer gains of a line once there is a loop.
+    for name in declared:
+        if name.endswith(".alpha") and name.split(".")[0] == (model.loop or "") and (
+            name not in settled
+        ):
+            start[name] = 0.2 * gain
+    structural = Model(tuple((n, e) for n, e in model.named if e.structural))
+    calm = question.with_model(structural if len(structural) else model)
+    search = _Search(_light(calm), monitor)
+    best = search.projected(start)
+    if frequencies:
+        quiet = _without_motion(calm)
+        residual = record.position - record.position.mean()
+        if quiet is not None:
+            still = _Search(_light(quiet), monitor)
+            found = _scan_widths(still, start, [s for s in shapes if s in quiet.model.parameters],
+                                 swing)  # fmt: skip
+            residual = still.misfit(found)
+            start.update(found)
+        dampings = [
+            n for n in declared
+            if n not in settled and n == frequencies[0].rpartition(".")[0] + ".zeta"
+        ]  # fmt: skip
+        best = _scan_resonance(
+            search, start, frequencies[0], dampings, resonances(record, residual)
+        )
+    else:
+        best = _scan_widths(search, start, shapes, swing)
+    start.update(best)
+    for name in model.gates:
+        if model.gates[name] not in settled:
+            start.update(_scan_gate(question, name, start, monitor))
+    return Values(start)
+
+
+def _line(record: Measurement) -> tuple[float, float]:
+    """Slope and intercept of position over drive."""
+    mask = record.counted
+    slope, intercept = np.polyfit(record.drive[mask], record.position[mask], 1)
+    return float(slope), float(intercept)
+
+
+def _light(question: Identification) -> Identification:
+    """The question about its first record only: enough for a start."""
+    first = question.campaign.records[0]
+    return replace(question, records=first, weights=(), priors={}, noise=None)
+
+
+def _without_motion(question: Identification) -> Identification | None:
+    """The same question with quasi-static mechanics, where the model allows it."""
+    model = question.model
+    movers = [n for n, e in model if any(s.position for s in e.declared_states.values())]
+    left = Model(tuple((n, e) for n, e in model.named if n not in movers))
+    if not movers or len(left) == 0 or any("motion" in e.requires for _, e in left):
+        return None
+    return question.with_model(left)
+
+
+@final
+class _Search:
+    """Linear steps on exact sensitivities from trial values of the shapes."""
+
+    def __init__(self, question: Identification, monitor: Monitor) -> None:
+        self.question = question
+        self._monitor = monitor
+        self._objective: Objective | None = None
+        self._unknowns: Unknowns | None = None
+
+    def _ready(self, start: dict[str, float]) -> tuple[Objective, Unknowns]:
+        if self._objective is None or self._unknowns is None:
+            self._unknowns = unknowns(self.question, Values(start))
+            at = theta_of(self._unknowns, start)
+            self._objective = Objective(self.question, self._unknowns, at, self._monitor)
+        return self._objective, self._unknowns
+
+    def projected(self, start: dict[str, float], extra: Sequence[str] = ()) -> dict[str, float]:
+        """Values after one linear step in gains, offset, initial states and ``extra``."""
+        return self.trial(start, extra)[1]
+
+    def trial(
+        self, start: dict[str, float], extra: Sequence[str] = ()
+    ) -> tuple[float, dict[str, float]]:
+        """Cost and values after one linear step, or at the start if the step is worse."""
+        objective, unknown = self._ready(start)
+        theta = theta_of(unknown, start)
+        point = objective.linearised(theta)
+        cost = objective.cost(point.residual)
+        if not np.isfinite(cost) or not np.isfinite(point.jacobian).all():
+            return float("inf"), start
+        linear = [
+            k for k, m in enumerate(unknown.members)
+            if m.name.startswith("initial.") or m.name in extra
+            or self.question.model.parameters[m.local].unit in ("m/V", "m")
+        ]  # fmt: skip
+        j = point.jacobian[:, linear] * unknown.scale[linear]
+        # A touch of ridge keeps directions that the record cannot see where they are.
+        weight = np.sqrt(1e-6) * np.linalg.norm(j, axis=0)
+        rows = np.vstack([j, np.diag(weight)])
+        target = np.concatenate([-point.residual, np.zeros(len(linear))])
+        step = np.linalg.lstsq(rows, target, rcond=1e-10)[0]
+        moved = theta.copy()
+        moved[linear] += step * unknown.scale[linear]
+        moved = unknown.clip(moved)
+        after = objective.cost(objective.residual(moved))
+        if after < cost:
+            theta, cost = moved, after
+        return cost, dict(unknown.values(theta))
+
+    def misfit(self, start: dict[str, float]) -> FloatArray:
+        """Measured minus modelled on all samples of the first record."""
+        objective, unknown = self._ready(start)
+        reading = objective.readings(theta_of(unknown, start))[0]
+        return np.asarray(self.question.campaign.records[0].position - reading)
+
+
+def _scan_widths(
+    search: _Search, start: dict[str, float], widths: list[str], swing: float
+) -> dict[str, float]:
+    best_cost, best = search.trial(start)
+    for name in widths:
+        for width in _WIDTHS:
+            cost, found = search.trial({**start, name: width / swing})
+            if cost < best_cost:
+                best_cost, best = cost, found
+    return best
+
+
+def _scan_resonance(
+    search: _Search,
+    start: dict[str, float],
+    name: str,
+    dampings: list[str],
+    candidates: list[float],
+) -> dict[str, float]:
+    best_cost, best = np.inf, dict(start)
+    objective_low, objective_high = -np.inf, np.inf
+    for omega in candidates:
+        for zeta in _DAMPINGS if dampings else (0.0,):
+            trial = {**start, name: omega, **dict.fromkeys(dampings, zeta)}
+            cost, found = search.trial(trial)
+            if cost < best_cost and objective_low < omega < objective_high:
+                best_cost, best = cost, found
+    return best
+
+
+def resonances(record: Measurement, residual: FloatArray) -> list[float]:
+    """Candidates for a natural frequency [rad/s], likeliest first.
+
+    Peaks of the response (cross spectrum over drive spectrum) and of what a quasi-static model
+    leaves over (ringing after steps), completed by a coarse logarithmic grid.
+    """
+    if record.uniform:
+        y, u, v, step = record.position, record.drive, residual, record.step
+    else:
+        n = len(record)
+        grid = np.linspace(record.time[0], record.time[-1], n)
+        y, u, v = (np.interp(grid, record.time, s) for s in (record.position, record.drive, residual))
+        step = record.duration / (n - 1)
+    found: list[float] = []
+    n = y.size
+    if n >= 64:
+        length = min(n, max(64, n // 4))
+        f, cross = signal.csd(u, y, fs=1.0 / step, nperseg=length, detrend="linear")
+        _, power = signal.welch(u, fs=1.0 / step, nperseg=length, detrend="linear")
+        _, spectrum = signal.welch(y, fs=1.0 / step, nperseg=length, detrend="linear")
+        with np.errstate(divide="ignore", invalid="ignore"):
+            coherence = np.abs(cross) ** 2 / (power * spectrum)
+            response = np.where(
+                (coherence > 0.5) & (power > 1e-8 * power.max()), np.abs(cross) / power, 0.0
+            )
+        found += _peaks(f, np.nan_to_num(response), 2)
+        f2, left = signal.welch(np.diff(v), fs=1.0 / step, nperseg=min(n - 1, length))
+        found += _peaks(f2, left, 2)
+    top = 0.8 * np.pi / step
+    bottom = 2.0 * np.pi * 3.0 / record.duration
+    if bottom < top:
+        found += np.geomspace(bottom, top, 5)[1:].tolist()
+    kept: list[float] = []
+    for omega in found:
+        if bottom < omega < 0.9 * np.pi / step and all(
+            abs(np.log(omega / other)) > 0.03 for other in kept
+        ):
+            kept.append(float(omega))
+    return kept
+
+
+def _peaks(f: FloatArray, height: FloatArray, count: int) -> list[float]:
+    """The highest interior maxima, refined by a parabola, as rad/s."""
+    inside = np.flatnonzero((height[1:-1] > height[:-2]) & (height[1:-1] >= height[2:])) + 1
+    inside = inside[f[inside] > 0]
+    order = inside[np.argsort(height[inside])[::-1][:count]]
+    peaks = []
+    for i in order:
+        a, b, c = height[i - 1], height[i], height[i + 1]
+        bend = a - 2 * b + c
+        shift = 0.5 * (a - c) / bend if bend else 0.0
+        peaks.append(2.0 * np.pi * float(f[i] + shift * (f[1] - f[0])))
+    return peaks
+
+
+def _scan_gate(
+    question: Identification, effect: str, start: dict[str, float], monitor: Monitor
+) -> dict[str, float]:
+    """One-step size of an optional effect at the best of a few shapes."""
+    model = question.model
+    gate = model.gates[effect]
+    present = [n for n, e in model.named if e.structural or n == effect]
+    lone = Model(tuple((n, e) for n, e in model.named if n in present))
+    shapes = [
+        f"{effect}.{k}" for k, p in model[effect].parameters.items()
+        if f"{effect}.{k}" != gate and not p.fixed and f"{effect}.{k}" not in question.values
+        and f"{effect}.{k}" not in question.fixed
+    ]  # fmt: skip
+    search = _Search(_light(question.with_model(lone)), monitor)
+    null = lone.parameters[gate].null
+    begin = {**start, gate: float(null if null is not None else 0.0)}
+    best_cost, best = search.trial(begin, (gate,))
+    for shape in shapes[:1]:
+        parameter = model.parameters[shape]
+        for value in _grid(parameter.typical or parameter.bounds, 4):
+            cost, found = search.trial({**begin, shape: value}, (gate,))
+            if cost < best_cost:
+                best_cost, best = cost, found
+    own = {k: v for k, v in best.items() if k.startswith(f"{effect}.")}
+    # A gate that did not move would leave its shapes without any effect to be fitted by.
+    parameter = lone.parameters[gate]
+    if own.get(gate) == parameter.null:
+        typical = parameter.typical or parameter.bounds
+        own[gate] = 0.01 * (typical[0] + typical[1]) * 0.5
+    return own
+
+
+def _grid(span: tuple[float, float], count: int) -> list[float]:
+    low, high = span
+    if low > 0 and np.isfinite(high):
+        return np.geomspace(low, high, count).tolist()
+    if np.isfinite(low) and np.isfinite(high):
+        return np.linspace(low, high, count).tolist()
+    return []

@@ -1,0 +1,75 @@
+"""How a question becomes a finite problem: the choice, and single shooting."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.errors import ModelError
+from piezo_opt.identification.monitor import Monitor
+from piezo_opt.identification.objective import Objective
+from piezo_opt.identification.problem import Identification
+from piezo_opt.identification.solvers.base import ResidualSolver, Solution
+from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
+from piezo_opt.identification.unknowns import Unknowns
+
+FloatArray = NDArray[np.float64]
+
+
+class Transcription(Protocol):
+    """Turns a question into a finite problem and hands it to a solver."""
+
+    @property
+    def name(self) -> str:
+        """Name in tables."""
+
+    def identify(
+        self,
+        question: Identification,
+        unknowns: Unknowns,
+        start: FloatArray,
+        solver: object | None,
+        monitor: Monitor,
+    ) -> Solution:
+        """Estimate the unknowns from a start; ``solver`` None takes the transcription's own."""
+
+
+@final
+@dataclass(frozen=True)
+class SingleShooting:
+    """Simulate each record from its start to its end; only the unknowns are variables.
+
+    The default: the problem stays as small as the number of unknowns, and least-squares solvers
+    use the compiled sensitivities. Best for stable models and smooth costs.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name in tables."""
+        return "single_shooting"
+
+    def identify(
+        self,
+        question: Identification,
+        unknowns: Unknowns,
+        start: FloatArray,
+        solver: object | None,
+        monitor: Monitor,
+    ) -> Solution:
+        """Estimate the unknowns from a start."""
+        chosen = LevenbergMarquardt() if solver is None else solver
+        if not hasattr(chosen, "minimise"):
+            raise ModelError(
+                f"{type(chosen).__name__} solves nonlinear programs, not residuals: use it with "
+                "transcription=MultipleShooting() or Collocation(), or take LevenbergMarquardt()."
+            )
+        taken: ResidualSolver = chosen
+        objective = Objective(question, unknowns, start, monitor)
+        solution = taken.minimise(objective, start)
+        if objective.refine(solution.theta):
+            # Sub-steps that were enough at the start are not at the solution: once more.
+            solution = taken.minimise(objective, solution.theta)
+        return solution

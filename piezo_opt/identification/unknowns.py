@@ -1,0 +1,194 @@
+"""The unknowns of a question: names, start, scale, bounds, and the way into each record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.effects.base import Parameter
+from piezo_opt.identification.problem import Identification, Prior, Start, plain
+from piezo_opt.measurement import Measurement
+from piezo_opt.simulation import INITIAL
+from piezo_opt.values import Values
+
+FloatArray = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Unknown:
+    """One number to be estimated.
+
+    Attributes:
+        name: full name, with ``[record]`` where each record has its own.
+        local: its name within a record, as the simulator knows it.
+        record: index of the one record it belongs to, None when shared.
+        scale: positive size by which solvers divide it.
+        low, high: bounds.
+        prior: None or what is known beforehand.
+    """
+
+    name: str
+    local: str
+    record: int | None
+    scale: float
+    low: float
+    high: float
+    prior: Prior | None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """All unknowns of a question, in a fixed order, and the values that are kept."""
+
+    members: tuple[Unknown, ...]
+    kept: Values
+    records: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Full names in order."""
+        return tuple(u.name for u in self.members)
+
+    @property
+    def scale(self) -> FloatArray:
+        """Sizes in order."""
+        return np.array([u.scale for u in self.members])
+
+    @property
+    def low(self) -> FloatArray:
+        """Lower bounds in order."""
+        return np.array([u.low for u in self.members])
+
+    @property
+    def high(self) -> FloatArray:
+        """Upper bounds in order."""
+        return np.array([u.high for u in self.members])
+
+    def values(self, theta: FloatArray) -> Values:
+        """All values with these estimates."""
+        return self.kept.with_(dict(zip(self.names, theta.tolist(), strict=True)))
+
+    def of_record(self, index: int, theta: FloatArray) -> dict[str, float]:
+        """What the simulator of one record needs."""
+        numbers = dict(self.kept.of_record(index))
+        for unknown, number in zip(self.members, theta.tolist(), strict=True):
+            if unknown.record is None or unknown.record == index:
+                numbers[unknown.local] = number
+        return numbers
+
+    def columns(self, index: int) -> list[int]:
+        """Positions of the unknowns that one record depends on."""
+        return [k for k, u in enumerate(self.members) if u.record in (None, index)]
+
+    def clip(self, theta: FloatArray) -> FloatArray:
+        """The nearest point within the bounds."""
+        return np.clip(theta, self.low, self.high)
+
+
+def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[float, float]:
+    """Declared bounds narrowed to what the records' sampling and length can tell apart.
+
+    Time constants between a tenth of the sampling step and ten times the duration (a longer
+    one is an offset in disguise), natural frequencies between one cycle in four durations and
+    nine tenths of the highest frequency that the sampling can hold.
+    """
+    low, high = parameter.bounds
+    step = min(r.step for r in records)
+    duration = max(r.duration for r in records)
+    if parameter.unit == "s":
+        if low > 0:
+            low = max(low, 0.1 * step)
+        high = min(high, 10.0 * duration if low > 0 else 0.25 * duration)
+    elif parameter.unit == "rad/s":
+        low = max(low, 2.0 * np.pi / (4.0 * duration))
+        high = min(high, 0.9 * np.pi / step)
+    if not low < high:
+        return parameter.bounds
+    return low, high
+
+
+def unknowns(question: Identification, start: Values) -> Unknowns:
+    """List the unknowns of a question.
+
+    Args:
+        question: the identification.
+        start: a value for every parameter (per-record ones with or without their number).
+    """
+    model, records = question.model, question.campaign.records
+    several = len(records) > 1
+    members: list[Unknown] = []
+    kept: dict[str, float] = {}
+    for name, parameter in model.parameters.items():
+        if name in question.fixed:
+            kept[name] = float(question.fixed[name])
+            continue
+        if parameter.fixed and name not in question.free:
+            kept[name] = float(question.values.get(name, parameter.nominal))
+            continue
+        own = several and (parameter.per_record or name in question.per_record)
+        for index in range(len(records)) if own else (None,):
+            full = name if index is None else f"{name}[{index}]"
+            if full in question.fixed:
+                kept[full] = float(question.fixed[full])
+                continue
+            low, high = question.bounds.get(
+                full, question.bounds.get(name, limits(parameter, records))
+            )
+            given = abs(start.get(full, start.get(name, parameter.nominal)))
+            size = max(given, 0.1 * parameter.scale) if given > 0 else parameter.scale
+            prior = question.priors.get(full, question.priors.get(name))
+            members.append(Unknown(full, name, index, size, low, high, prior))
+    for index, record in enumerate(records):
+        if question.start_of(record) is not Start.FREE:
+            continue
+        for state, size, reach in _memories(question, record):
+            local = f"{INITIAL}{state}"
+            full = f"{local}[{index}]" if several else local
+            if full in question.fixed:
+                kept[full] = float(question.fixed[full])
+                continue
+            low, high = question.bounds.get(full, (-reach, reach))
+            prior = question.priors.get(full)
+            members.append(
+                Unknown(full, local, index if several else None, size, low, high, prior)
+            )
+    return Unknowns(tuple(members), Values(kept), len(records))
+
+
+def _memories(
+    question: Identification, record: Measurement
+) -> list[tuple[str, float, float]]:
+    """States that may start away from rest, with a size and the farthest start."""
+    stroke = float(np.ptp(record.position)) or 1.0
+    found: list[tuple[str, float, float]] = []
+    for name, effect in question.model:
+        for state, count in effect.states.items():
+            declared = effect.declared_states[state]
+            if not declared.remanent:
+                continue
+            if declared.unit == "m/s":
+                size = stroke / max(record.step, 1e-12) * 1e-2
+            else:
+                size = 0.05 * stroke
+            found.extend(
+                (f"{name}.{state}" if count == 1 else f"{name}.{state}[{i}]", size, 100.0 * size)
+                for i in range(count)
+            )
+    return found
+
+
+def theta_of(unknown: Unknowns, start: Mapping[str, float]) -> FloatArray:
+    """The unknowns' vector at given values (0 for initial deviations not named)."""
+    numbers = []
+    for member in unknown.members:
+        if member.name in start:
+            numbers.append(float(start[member.name]))
+        else:
+            numbers.append(float(start.get(plain(member.local), 0.0)))
+    return unknown.clip(np.array(numbers, dtype=float))
