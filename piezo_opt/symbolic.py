@@ -108,12 +108,11 @@ def power_(base: Expression, exponent: Expression) -> Expression:
 def play(before: Expression, value: Expression, radius: Expression) -> Expression:
     """Play operator over a monotone stretch: ``before`` dragged along to stay near ``value``.
 
-    ``min(max(before, value - radius), value + radius)``, element by element. Written by the
-    direction of the drag, so that the derivative by the radius is right even at radius 0.
+    ``min(max(before, value - radius), value + radius)``, element by element. Written by cases,
+    so that the derivatives are right even at radius 0, where minimum and maximum meet.
     """
-    return ca.if_else(
-        value > before, ca.fmax(before, value - radius), ca.fmin(before, value + radius)
-    )
+    pulled_down = ca.if_else(before - value > radius, value + radius, before)
+    return ca.if_else(value - before > radius, value - radius, pulled_down)
 
 
 def stack(parts: Sequence[Expression]) -> Expression:

@@ -29,7 +29,7 @@ class ChargeBackCoupling(Effect):
     z = State("m/s", "velocity as the capacitance sees it")
     kappa = Parameter(
         "V*s/m", "voltage lost per velocity, R T", nominal=0.0, bounds=(-1e8, 1e8),
-        typical=(-1e3, 1e3), null=0.0,
+        typical=(10.0, 1e3), null=0.0,
     )  # fmt: skip
     tau = Parameter(
         "s", "time constant R C", nominal=1e-4, bounds=(1e-7, 10.0), typical=(1e-5, 1e-2)

@@ -36,8 +36,8 @@ class RateDependence(Effect):
         fixed=True,
     )  # fmt: skip
     q = Parameter(
-        "V/s", "rate of the drive at which the exponent pivots", nominal=100.0, bounds=(1e-6, 1e9),
-        typical=(1.0, 1e5), fixed=True,
+        "V/s", "rate of the drive at which the exponent pivots", nominal=1e4, bounds=(1e-6, 1e9),
+        fixed=True,
     )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:

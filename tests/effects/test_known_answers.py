@@ -1,0 +1,460 @@
+"""What each effect does, against closed forms, published laws and independent code."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from piezo_opt.assembly import assemble
+from piezo_opt.effects import (
+    Asymmetry,
+    Backlash,
+    BoucWen,
+    ChargeBackCoupling,
+    Creep,
+    CubicStiffness,
+    Dahl,
+    DeadZone,
+    Drift,
+    Effect,
+    Friction,
+    GeneralisedBoucWen,
+    HystereticForce,
+    Load,
+    MainsPickup,
+    MaxwellSlip,
+    Model,
+    NonlinearGain,
+    PiezoGain,
+    PrandtlIshlinskii,
+    Preisach,
+    RateDependence,
+    Saturation,
+    SecondMode,
+    SecondOrder,
+    SensorCurvature,
+    SensorLag,
+    SensorNonlinearity,
+    SlewLimit,
+    Temperature,
+    ThermalExpansion,
+)
+from piezo_opt.errors import ModelError
+from piezo_opt.measurement import Measurement
+from piezo_opt.simulation import Simulator, Substeps
+from piezo_opt.values import Values
+
+FloatArray = NDArray[np.float64]
+GAIN = 1e-7
+
+
+def respond(
+    model: Model | Effect,
+    time: NDArray[Any],
+    drive: NDArray[Any],
+    values: Mapping[str, float] | None = None,
+    longest: float = 1e-4,
+    temperature: NDArray[Any] | None = None,
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Reading and states by name, at nominal values but for the given ones."""
+    whole = Model.of(model) if isinstance(model, Effect) else model
+    numbers = Values.nominal(whole).with_(values or {})
+    record = Measurement(
+        time, drive, np.linspace(0, 1e-5, time.size) + 1e-7 * np.sin(np.arange(time.size)),
+        channels={} if temperature is None else {"temperature": temperature},
+    )  # fmt: skip
+    run = Simulator(
+        whole, record, numbers, runtime=tuple(values or {}), prefer_compiled=False,
+        substeps=Substeps(longest, 1e9),
+    ).response(numbers)  # fmt: skip
+    return run.reading, dict(zip(run.state_names, run.states.T, strict=True))
+
+
+def static(effect: Effect, drive: NDArray[Any], values: Mapping[str, float]) -> FloatArray:
+    """Reading of an effect without memory on top of a gain of 1 m/V."""
+    model = PiezoGain() + effect
+    return respond(model, np.arange(drive.size) * 1.0, drive, {"piezo_gain.d": 1e-3, **values})[0]
+
+
+def test_saturation_holds_the_drive_at_its_knees() -> None:
+    drive = np.array([-200.0, -50.0, 0.0, 40.0, 50.0, 60.0, 100.0, 200.0])
+    full = {"saturation.s": 1.0, "saturation.v_s": 50.0, "saturation.softness": 1e-3}
+    np.testing.assert_allclose(
+        static(Saturation(), drive, full) / 1e-3, np.clip(drive, -50, 50), atol=0.05
+    )
+    part = {**full, "saturation.s": 0.4, "saturation.c": 10.0}
+    centred = 10 + np.clip(drive - 10, -50, 50)
+    np.testing.assert_allclose(
+        static(Saturation(), drive, part) / 1e-3, 0.6 * drive + 0.4 * centred, atol=0.05
+    )
+
+
+def test_the_dead_zone_swallows_its_width() -> None:
+    drive = np.array([-10.0, -3.0, -1.0, 0.0, 0.5, 1.0, 3.0, 10.0])
+    values = {"dead_zone.share": 1.0, "dead_zone.width": 2.0, "dead_zone.softness": 1e-3}
+    expected = np.sign(drive) * np.maximum(np.abs(drive) - 2.0, 0.0)
+    np.testing.assert_allclose(static(DeadZone(), drive, values) / 1e-3, expected, atol=2e-3)
+
+
+def test_the_slew_limit_follows_slow_drives_and_holds_fast_ones_to_its_rate() -> None:
+    time = np.arange(400) * 1e-3
+    values = {"slew_limit.share": 1.0, "slew_limit.rate": 100.0, "slew_limit.tau": 2e-3}
+    slow = 5.0 * np.sin(2 * np.pi * 0.5 * time)
+    _, states = respond(PiezoGain() + SlewLimit(), time, slow, values)
+    # A pure lag of tau would be 31 mV behind; what is left is the rounding of tanh near its limit.
+    assert np.abs(states["slew_limit.z"] - slow).max() < 2e-3
+    step = np.where(time < 0.05, 0.0, 20.0)
+    _, states = respond(PiezoGain() + SlewLimit(), time, step, values)
+    z = states["slew_limit.z"]
+    rising = (z > 2.0) & (z < 17.0)
+    np.testing.assert_allclose(np.gradient(z, time)[rising], 100.0, rtol=2e-3)
+    assert z[-1] == pytest.approx(20.0, abs=1e-6)
+    assert z.max() < 20.0 + 1e-6
+
+
+def test_charge_back_coupling_damps_by_kappa_d_omega_over_two() -> None:
+    model = PiezoGain() + SecondOrder() + ChargeBackCoupling()
+    system = assemble(model, constants={})
+    values = Values.nominal(model).with_(
+        {"charge_back_coupling.kappa": 100.0, "charge_back_coupling.tau": 1e-6}
+    )
+    n = len(system.state_names)
+    p = values.vector(system.parameter_names)
+    blank = np.zeros(0)
+    jacobian = system.rate.jacobian()(0, np.zeros(n), 0, 0, blank, blank, p, np.zeros(n))[1]
+    poles = np.linalg.eigvals(np.array(jacobian))
+    slow = poles[np.abs(poles) < 1e5]
+    omega = 6e3
+    assert slow.size == 2
+    expected = (0.05 + 100.0 * GAIN * omega / 2.0) * omega
+    np.testing.assert_allclose(-slow.real, expected, rtol=0.02)
+
+
+def test_the_loop_relaxes_at_the_rate_r() -> None:
+    time = np.arange(200) * 1e-2
+    drive = np.where(time < 0.5, 100.0 * time, 50.0)
+    model = PiezoGain() + BoucWen() + RateDependence()
+    _, states = respond(model, time, drive, {"rate_dependence.r": 3.0}, 1e-3)
+    h = states["bouc_wen.h"]
+    late = time > 0.6
+    np.testing.assert_allclose(
+        h[late], h[late][0] * np.exp(-3.0 * (time[late] - time[late][0])), rtol=1e-6
+    )
+
+
+def test_rate_dependence_of_exponent_two_is_a_beta_that_grows_with_the_rate() -> None:
+    time = np.arange(300) * 1e-3
+    drive = 200.0 * np.abs(((time / 0.1) % 1.0) - 0.5)  # the same |v'| everywhere: 2 kV/s
+    r, q, speed = 5.0, 1e4, 2e3
+    values = {"rate_dependence.r": r, "rate_dependence.m": 2.0, "rate_dependence.q": q}
+    grown, _ = respond(PiezoGain() + BoucWen() + RateDependence(), time, drive, values)
+    beta = 2e-2 + r * speed / q**2
+    same, _ = respond(PiezoGain() + BoucWen(), time, drive, {"bouc_wen.beta": beta})
+    np.testing.assert_allclose(grown, same, rtol=0, atol=1e-9 * np.ptp(same))
+
+
+def test_asymmetry_adds_what_its_integral_says() -> None:
+    time = np.linspace(0.0, 1.0, 101)
+    drive = 40.0 * time
+    model = PiezoGain() + BoucWen() + Asymmetry()
+    values = {"bouc_wen.alpha": 0.0, "bouc_wen.beta": 0.0, "asymmetry.delta": 1e-10}
+    _, states = respond(model, time, drive, values, 1e-2)
+    np.testing.assert_allclose(states["bouc_wen.h"], 0.5e-10 * drive**2, rtol=1e-9, atol=1e-20)
+
+
+def wander(size: int = 300) -> tuple[NDArray[Any], NDArray[Any]]:
+    """A drive with many turning points of unequal height, each of them on a sample."""
+    corners = np.array([0, 60, 10, 40, 25, 70, 30, 55, 20, 50, 0, 65.0])
+    time = np.linspace(0.0, corners.size - 1.0, 20 * (corners.size - 1) + 1)[:size]
+    return time, np.interp(time, np.arange(corners.size), corners)
+
+
+def test_generalised_bouc_wen_of_exponent_one_is_bouc_wen() -> None:
+    time, drive = wander()
+    kappa, rho, sigma = 1.5e-6, 3e-2, 0.8
+    own = {f"generalised_bouc_wen.{k}": v for k, v in
+           {"kappa": kappa, "rho": rho, "sigma": sigma, "n": 1.0}.items()}  # fmt: skip
+    classic = {"bouc_wen.alpha": rho * kappa, "bouc_wen.beta": rho * sigma,
+               "bouc_wen.gamma": rho * (1.0 - sigma)}  # fmt: skip
+    one, _ = respond(PiezoGain() + GeneralisedBoucWen(), time, drive, own, 1e-2)
+    two, _ = respond(PiezoGain() + BoucWen(), time, drive, classic, 1e-2)
+    np.testing.assert_allclose(one, two, rtol=0, atol=1e-10 * np.ptp(two))
+
+
+def test_generalised_bouc_wen_saturates_at_kappa() -> None:
+    time = np.linspace(0, 1, 101)
+    for n in (1.0, 1.5, 3.0):
+        values = {"generalised_bouc_wen.n": n, "generalised_bouc_wen.rho": 0.2}
+        _, states = respond(PiezoGain() + GeneralisedBoucWen(), time, 300 * time, values, 1e-3)
+        assert states["generalised_bouc_wen.h"][-1] == pytest.approx(1e-6, rel=1e-3)
+
+
+def test_dahl_of_exponent_one_is_bouc_wen_without_gamma_and_two_has_its_closed_form() -> None:
+    time, drive = wander()
+    kappa, rho = 1.5e-6, 3e-2
+    own = {"dahl.kappa": kappa, "dahl.rho": rho, "dahl.i": 1.0}
+    one, _ = respond(PiezoGain() + Dahl(), time, drive, own, 1e-2)
+    classic = {"bouc_wen.alpha": rho * kappa, "bouc_wen.beta": rho}
+    two, _ = respond(PiezoGain() + BoucWen(), time, drive, classic, 1e-2)
+    np.testing.assert_allclose(one, two, rtol=0, atol=1e-10 * np.ptp(two))
+    rising = drive[:21]
+    _, states = respond(PiezoGain() + Dahl(), time[:21], rising, {**own, "dahl.i": 2.0}, 1e-3)
+    # e' = -rho v' e^2 from e = 1
+    np.testing.assert_allclose(
+        states["dahl.h"], kappa * (1.0 - 1.0 / (1.0 + rho * rising)), rtol=1e-8, atol=1e-18
+    )
+
+
+def plays(drive: NDArray[Any], radii: NDArray[Any]) -> FloatArray:
+    """Play operators by the textbook's recursion, samples x operators."""
+    z = np.clip(0.0, drive[0] - radii, drive[0] + radii)
+    out = [z]
+    for v in drive[1:]:
+        z = np.minimum(np.maximum(z, v - radii), v + radii)
+        out.append(z)
+    return np.array(out)
+
+
+def test_prandtl_ishlinskii_is_the_sum_of_its_stops() -> None:
+    time, drive = wander()
+    values = {"prandtl_ishlinskii.rho": 4e-8, "prandtl_ishlinskii.decay": 0.7,
+              "prandtl_ishlinskii.r": 30.0}  # fmt: skip
+    k = 7
+    reading, states = respond(PiezoGain() + PrandtlIshlinskii(k), time, drive, values, 1.0)
+    radii = 30.0 * np.arange(1, k + 1) / k
+    z = plays(drive, radii)
+    weights = 4e-8 / k * np.exp(-0.7 * np.arange(k) / k)
+    expected = GAIN * drive - (drive[:, None] - z) @ weights
+    np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(states["prandtl_ishlinskii.z[3]"], z[:, 3], atol=1e-12)
+
+
+@pytest.mark.parametrize("law", [PrandtlIshlinskii(), MaxwellSlip(), Preisach()])
+def test_play_laws_do_not_depend_on_the_sampling_and_forget_inner_loops(law: Effect) -> None:
+    time, drive = wander()
+    coarse, _ = respond(PiezoGain() + law, time, drive, longest=1.0)
+    fine, _ = respond(PiezoGain() + law, time, drive, longest=1e-2)
+    np.testing.assert_allclose(coarse, fine, rtol=0, atol=1e-12 * np.ptp(fine))
+    # Return-point memory: an inner loop between turning points leaves no trace once closed.
+    t = np.linspace(0, 6, 601)
+    looped = np.interp(t, np.arange(7), [0, 60, 20, 45, 20, 60, 60.0])
+    straight = np.interp(t, np.arange(7), [0, 60, 20, 20, 20, 60, 60.0])
+    with_loop, _ = respond(PiezoGain() + law, t, looped)
+    without, _ = respond(PiezoGain() + law, t, straight)
+    np.testing.assert_allclose(with_loop[400:], without[400:], rtol=0, atol=1e-18)
+    assert np.abs(with_loop[200:400] - without[200:400]).max() > 1e-7
+
+
+def test_maxwell_slip_has_its_stiffness_at_a_turn_and_slips_at_h() -> None:
+    time = np.linspace(0, 1, 201)
+    drive = 200.0 * time
+    values = {"maxwell_slip.h": 2e-6, "maxwell_slip.r": 100.0, "maxwell_slip.spacing": 0.5}
+    reading, _ = respond(PiezoGain() + MaxwellSlip(3), time, drive, values)
+    lost = GAIN * drive - reading
+    assert lost[-1] == pytest.approx(2e-6, rel=1e-12)
+    first = 2e-6 / 3 * (1 / 100 + 1 / 50 + 1 / 25)
+    np.testing.assert_allclose(lost[:20], first * drive[:20], rtol=1e-9, atol=1e-20)
+
+
+def test_preisach_with_a_broad_density_is_prandtl_ishlinskii() -> None:
+    time, drive = wander()
+    shape = {"rho": 4e-8, "decay": 0.7, "r": 30.0}
+    broad = {**{f"preisach.{k}": v for k, v in shape.items()}, "preisach.b": 1e6}
+    plain = {f"prandtl_ishlinskii.{k}": v for k, v in shape.items()}
+    one, _ = respond(PiezoGain() + Preisach(), time, drive, broad)
+    two, _ = respond(PiezoGain() + PrandtlIshlinskii(), time, drive, plain)
+    weights = 4e-8 / 10 * np.exp(-0.7 * np.arange(10) / 10)
+    np.testing.assert_allclose(one, two + weights.sum() * drive, rtol=0, atol=1e-8 * np.ptp(two))
+
+
+def test_creep_goes_to_its_share() -> None:
+    time = np.linspace(0.0, 5.0, 501)
+    step = np.where(time < 0.0999, 0.0, 100.0)  # a ramp from 0.09 s to 0.1 s
+    values = {"creep.c": 0.05, "creep.tau": 0.2}
+    reading, _ = respond(PiezoGain() + Creep(1), time, step, values, 1e-2)
+    # tau z' = s - z, s = d v + c z: z goes to d v / (1 - c) at the rate (1 - c) / tau.
+    end = GAIN * 100.0
+    after = time > 0.2
+    speed = 0.95 / 0.2
+    expected = end / 0.95 - (end / 0.95 - end) * np.exp(-speed * (time[after] - 0.095))
+    np.testing.assert_allclose(reading[after], expected, rtol=0, atol=3e-4 * 0.05 * end)
+
+
+def test_nonlinear_gain_is_its_polynomial() -> None:
+    drive = np.linspace(-5, 10, 31)
+    reading = static(
+        NonlinearGain(), drive, {"nonlinear_gain.k2": 2e-5, "nonlinear_gain.ratio": 0.1}
+    )
+    np.testing.assert_allclose(
+        reading, 1e-3 * drive + 2e-5 * drive**2 + 2e-6 * drive**3, rtol=0, atol=1e-15
+    )
+
+
+def test_temperature_changes_the_gain_and_expansion_the_zero() -> None:
+    time = np.linspace(0, 1, 21)
+    drive, warmth = 30 + 50 * np.sin(7 * time), 290 + 10 * time
+    values = {"temperature.a": 3e-10, "thermal_expansion.b": 2e-7, "thermal_expansion.T0": 290.0}
+    model = PiezoGain() + Temperature() + ThermalExpansion()
+    reading, _ = respond(model, time, drive, values, temperature=warmth)
+    expected = (1e-7 + 3e-10 * (warmth - 293.15)) * drive + 2e-7 * (warmth - 290.0)
+    np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-15)
+
+
+def settled(model: Model, values: Mapping[str, float], volts: float = 50.0) -> float:
+    """Where the position comes to rest after the drive has risen to so many volts."""
+    time = np.linspace(0.0, 0.06, 241)
+    drive = volts * np.minimum(1.0, time / 0.01)
+    return float(respond(model, time, drive, {"second_order.zeta": 0.3, **values}, 2e-5)[0][-1])
+
+
+def test_springs_come_to_rest_where_their_forces_balance() -> None:
+    omega2 = 6e3**2
+    base = PiezoGain() + SecondOrder()
+    s = GAIN * 50.0
+    assert settled(base + Load(), {"load.k": 0.5 * omega2}) == pytest.approx(s / 1.5, rel=1e-6)
+    k3, x0 = 3e17, 2e-6
+    x = settled(base + CubicStiffness(), {"cubic_stiffness.k3": k3, "cubic_stiffness.x0": x0})
+    assert omega2 * (s - x) == pytest.approx(k3 * ((x - x0) ** 3 + x0**3), rel=1e-4)
+    assert x < 0.96 * s
+
+
+def test_sliding_friction_carries_its_coulomb_force_against_the_motion() -> None:
+    time = np.linspace(0, 0.4, 401)
+    drive = np.interp(time, [0, 0.1, 0.3, 0.4], [0, 60, -60, 0])
+    model = PiezoGain() + SecondOrder() + Friction()
+    values = {"friction.F": 20.0, "friction.z0": 2e-7, "second_order.zeta": 0.5}
+    reading, states = respond(model, time, drive, values, 1e-5)
+    lag = 20.0 / 6e3**2
+    for moment, sign in ((0.09, 1.0), (0.29, -1.0), (0.39, 1.0)):
+        i = int(np.argmin(np.abs(time - moment)))
+        speed = float(np.gradient(drive, time)[i]) * GAIN
+        behind = GAIN * drive[i] - reading[i] - 2 * 0.5 / 6e3 * speed
+        assert behind == pytest.approx(sign * lag, rel=1e-3)
+    assert np.abs(states["friction.z"]).max() <= 1.0 + 1e-9
+
+
+def test_stribeck_friction_is_larger_at_low_speed() -> None:
+    time = np.linspace(0, 0.2, 201)
+    drive = 100.0 * time
+    model = PiezoGain() + SecondOrder() + Friction()
+    values = {"friction.F": 20.0, "friction.z0": 1e-8, "friction.stribeck": 1.5,
+              "friction.w_s": 1.0, "second_order.zeta": 0.5}  # fmt: skip
+    _, states = respond(model, time, drive, values, 1e-5)
+    assert states["friction.z"][-1] == pytest.approx(1.5, rel=1e-3)
+
+
+def test_hysteretic_force_is_the_law_of_the_public_benchmark() -> None:
+    """m y'' + c y' + k y + z = u with the published parameters, integrated independently."""
+    m, c, k = 2.0, 10.0, 5e4
+    alpha, beta, gamma, delta = 5e4, 1e3, 0.8, -1.1
+    time = np.linspace(0.0, 0.4, 301)
+    force = 60.0 * np.sin(2 * np.pi * 15 * time) + 30.0 * np.sin(2 * np.pi * 37 * time)
+
+    def law(t: float, state: FloatArray) -> list[float]:
+        y, w, z = state
+        u = float(np.interp(t, time, force))
+        growth = alpha * w - beta * (gamma * abs(w) * z + delta * w * abs(z))
+        return [w, (u - c * w - k * y - z) / m, growth]
+
+    exact = solve_ivp(law, (0, 0.4), np.zeros(3), t_eval=time, rtol=1e-9, atol=1e-12,
+                      max_step=1e-3)  # fmt: skip
+    model = PiezoGain() + SecondOrder() + HystereticForce()
+    omega = float(np.sqrt(k / m))
+    values = {
+        "piezo_gain.d": 1.0 / k, "second_order.omega": omega,
+        "second_order.zeta": c / (2 * m * omega), "hysteretic_force.alpha": alpha / m,
+        "hysteretic_force.beta": beta, "hysteretic_force.gamma": gamma,
+        "hysteretic_force.delta": delta,
+    }  # fmt: skip
+    reading, states = respond(model, time, force, values, 2e-5)
+    np.testing.assert_allclose(reading, exact.y[0], rtol=0, atol=1e-5 * np.ptp(exact.y[0]))
+    np.testing.assert_allclose(
+        alpha * states["hysteretic_force.z"], exact.y[2], rtol=0, atol=1e-4 * np.ptp(exact.y[2])
+    )
+    # The loop is wide open: a spring in the place of the law would be far off.
+    assert np.abs(exact.y[2] - alpha * exact.y[0]).max() > 0.2 * np.ptp(exact.y[2])
+
+
+def test_a_second_mode_adds_its_share_at_rest_and_its_resonance() -> None:
+    model = PiezoGain() + SecondMode()
+    time = np.linspace(0, 0.05, 501)
+    values = {"second_mode.g": 0.1, "second_mode.omega": 2e3, "second_mode.zeta": 0.05}
+    slow = 40 * np.minimum(1.0, time / 0.02)
+    assert respond(model, time, slow, values, 2e-5)[0][-1] == pytest.approx(1.1 * 4e-6, rel=1e-2)
+    shaken = 40 * np.sin(2e3 * time)
+    reading, _ = respond(model, time, shaken, values, 2e-5)
+    extra = reading - GAIN * shaken
+    late = time > 0.035
+    # At resonance the mode is 1 / (2 zeta) times its static size and a quarter turn late.
+    grown = 1.0 - np.exp(-0.05 * 2e3 * time[late])
+    np.testing.assert_allclose(
+        extra[late], -0.1 * 4e-6 * 10.0 * grown * np.cos(2e3 * time[late]), atol=2e-7
+    )
+
+
+def test_a_pure_sensor_lag_answers_a_ramp_tau_later() -> None:
+    time = np.linspace(0, 1, 101)
+    values = {"sensor_lag.share": 1.0, "sensor_lag.tau": 0.02}
+    reading, _ = respond(PiezoGain() + SensorLag(), time, 10 * time, values, 1e-3)
+    np.testing.assert_allclose(reading[50:], 1e-6 * (time[50:] - 0.02), rtol=0, atol=1e-14)
+
+
+def test_the_periodic_error_repeats_every_half_wavelength() -> None:
+    drive = np.linspace(0, 20, 81)
+    values = {"sensor_nonlinearity.a": 5e-9, "sensor_nonlinearity.phi": 0.3,
+              "sensor_nonlinearity.wavelength": 1e-6, "piezo_gain.d": 1e-7}  # fmt: skip
+    error = static(SensorNonlinearity(), drive, values) - 1e-7 * drive
+    np.testing.assert_allclose(error[:-20], error[20:], rtol=0, atol=1e-15)
+    assert error[0] == pytest.approx(5e-9 * np.sin(0.3))
+    assert np.abs(error).max() == pytest.approx(5e-9, rel=0.02)
+
+
+def test_sensor_curvature_is_quadratic() -> None:
+    drive = np.linspace(-3, 5, 17)
+    reading = static(SensorCurvature(), drive, {"sensor_curvature.a": 20.0})
+    np.testing.assert_allclose(reading, 1e-3 * drive + 20.0 * (1e-3 * drive) ** 2, atol=1e-15)
+
+
+def test_drift_is_a_straight_line_unless_it_warms_up() -> None:
+    time = np.linspace(0.0, 100.0, 51) + 7.0
+    drive = np.sin(time)
+    elapsed = time - 7.0
+    model = PiezoGain() + Drift()
+    straight, _ = respond(model, time, drive, {"drift.rate": 2e-8}, 10.0)
+    np.testing.assert_allclose(straight - GAIN * drive, 2e-8 * elapsed, rtol=1e-6, atol=1e-18)
+    warming, _ = respond(model, time, drive, {"drift.rate": 2e-8, "drift.tau": 30.0}, 10.0)
+    np.testing.assert_allclose(
+        warming - GAIN * drive, 6e-7 * (1 - np.exp(-elapsed / 30.0)), rtol=1e-9, atol=1e-18
+    )
+
+
+def test_mains_pickup_is_a_sine_of_the_record_s_time() -> None:
+    time = np.linspace(0, 0.1, 401)
+    values = {"mains_pickup.a": 3e-9, "mains_pickup.phi": 0.5, "mains_pickup.f": 60.0}
+    reading, _ = respond(PiezoGain() + MainsPickup(), time, np.cos(9 * time), values)
+    np.testing.assert_allclose(
+        reading - GAIN * np.cos(9 * time), 3e-9 * np.sin(2 * np.pi * 60 * time + 0.5), atol=1e-18
+    )
+
+
+def test_backlash_loses_its_width_at_every_turn() -> None:
+    time, drive = wander()
+    reading, _ = respond(PiezoGain() + Backlash(), time, drive, {"backlash.w": 4e-7}, 1.0)
+    x = GAIN * drive
+    expected = [x[0]]
+    for at in x[1:]:
+        expected.append(float(np.clip(expected[-1], at - 4e-7, at + 4e-7)))
+    np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-18)
+
+
+@pytest.mark.parametrize("size", [0, -1, 2.5, True, 10**9, "3"])
+def test_a_senseless_number_of_elements_is_refused(size: object) -> None:
+    with pytest.raises(
+        ModelError, match=r"creep: the number of elements of 'z' is .* whole number"
+    ):
+        Creep(size)  # type: ignore[arg-type]
