@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.identification.result import Evaluations, Trace
+from piezo_opt.identification.outcome import Evaluations, Trace
 
 FloatArray = NDArray[np.float64]
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from piezo_opt.errors import InputError
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.problem import Identification
-from piezo_opt.identification.result import Ending, StartResult
+from piezo_opt.identification.outcome import Ending
+from piezo_opt.identification.result import StartResult
 from piezo_opt.identification.transcription import Transcription
 from piezo_opt.identification.unknowns import Unknowns
 
@@ -70,6 +71,8 @@ def draw(unknown: Unknowns, question: Identification, centre: FloatArray, seed: 
         if parameter.per_record:
             continue
         low, high = parameter.typical or (0.0, 0.0)
+        if member.high <= 0.0:
+            low, high = -high, -low
         low, high = max(low, member.low), min(high, member.high)
         if low < high and low > 0:
             theta[k] = low * (high / low) ** toss

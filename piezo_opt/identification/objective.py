@@ -11,9 +11,14 @@ from numpy.typing import NDArray
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.problem import Identification, Loss, Shape, Start
 from piezo_opt.identification.unknowns import Unknowns
-from piezo_opt.simulation import Accuracy, Initial, Simulator
+from piezo_opt.simulation import TOLERANCE, Accuracy, Initial, Simulator
 
 FloatArray = NDArray[np.float64]
+
+_MOST_A_SAMPLE = 64
+"""Sub-steps a sample beyond which a finer scheme costs more than it tells."""
+FINEST = 1e-8
+"""Scheme error as a share of the reading's range beyond which nothing is refined."""
 
 
 @final
@@ -77,14 +82,26 @@ class Objective:
         return tuple(s.accuracy for s in self.simulators)
 
     def refine(self, theta: FloatArray) -> bool:
-        """Choose the sub-steps anew at a point; True when they had been too coarse."""
+        """Choose the sub-steps anew at a point; True when they had been too coarse.
+
+        The scheme's error must stay far below what one standard deviation of an unknown does to the
+        reading, rms / sqrt(N) over the record: its error looks just like a shift of the resonance.
+        """
         coarser = False
+        rms = self.rms(self.residual(theta))
+        share = 0.1 * rms / np.sqrt(max(1, self.samples))
         for i, simulator in enumerate(self.simulators):
+            theta_i = self.unknowns.of_record(i, theta)
+            span = float(np.ptp(self.question.campaign.records[i].position)) or 1.0
+            tolerance = float(np.clip(share / span, FINEST, TOLERANCE))
             before = simulator.accuracy.substeps
-            simulator.accuracy = simulator.choose(self.unknowns.of_record(i, theta))
-            after = simulator.accuracy.substeps
-            coarser |= after.longest < 0.99 * before.longest
-            coarser |= after.largest_move < 0.99 * before.largest_move
+            most = max(_MOST_A_SAMPLE * self.counted[i].size, 4 * simulator.substeps(theta_i))
+            chosen = simulator.choose(theta_i, tolerance, most)
+            if chosen.substeps.longest < 0.99 * before.longest or (
+                chosen.substeps.largest_move < 0.99 * before.largest_move
+            ):
+                coarser = True
+            simulator.accuracy = chosen
         return coarser
 
     def readings(self, theta: FloatArray) -> list[FloatArray]:

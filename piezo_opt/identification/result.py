@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from enum import Enum
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, final
@@ -15,7 +14,12 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from piezo_opt.effects.model import Model
+from piezo_opt.identification.monitor import Monitor
+from piezo_opt.identification.objective import Objective
+from piezo_opt.identification.outcome import Evaluations, Outcome, Trace
 from piezo_opt.identification.problem import Identification, plain
+from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
+from piezo_opt.identification.unknowns import theta_of, unknowns
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation import INITIAL, Accuracy
 from piezo_opt.units import show
@@ -24,62 +28,6 @@ from piezo_opt.values import Values
 FloatArray = NDArray[np.float64]
 
 SCHEMA = "piezo_opt/fit/1"
-
-
-class Ending(Enum):
-    """How a solver ended."""
-
-    CONVERGED = "converged"
-    LIMIT = "limit"
-    """The limit of iterations or evaluations was reached."""
-    INTERRUPTED = "interrupted"
-    """Stopped by the user; the best so far is kept."""
-    FAILED = "failed"
-    """No finite or no better point was found."""
-
-
-@final
-@dataclass(frozen=True)
-class Outcome:
-    """How it ended, as a word and as a sentence that names the remedy."""
-
-    ending: Ending
-    sentence: str
-
-    @property
-    def success(self) -> bool:
-        """Whether the solver converged."""
-        return self.ending is Ending.CONVERGED
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Trace:
-    """Every iterate of the solver.
-
-    Attributes:
-        names: the unknowns.
-        values: (iterations, k) SI values.
-        rms: (iterations,) root mean square of the counted residuals [m].
-    """
-
-    names: tuple[str, ...]
-    values: FloatArray
-    rms: FloatArray
-
-
-@final
-@dataclass(frozen=True)
-class Evaluations:
-    """Simulations spent over all records and phases, start values included."""
-
-    simulations: int
-    with_sensitivities: int
-
-    @property
-    def total(self) -> int:
-        """Both kinds together."""
-        return self.simulations + self.with_sensitivities
 
 
 @final
@@ -192,6 +140,44 @@ class Fit:
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(self.covariance / np.outer(size, size))
 
+    def predict(self, record: Measurement) -> FloatArray:
+        """Reading (N,) [m] of the fitted model on another record.
+
+        A record that begins as a fitted one does (the whole of a record of which a part was
+        fitted) is simulated through from the fitted start. Of any other record the start and
+        the per-record parameters are not known: they, and only they, are estimated on it.
+
+        Raises:
+            InputError: the record lacks a channel that the model needs.
+        """
+        for index, own in enumerate(self.records):
+            if _same_start(own, record):
+                question = replace(self.question, records=record, weights=())
+                start = self.values.of_record(index)
+                unknown = unknowns(question, start)
+                theta = theta_of(unknown, start)
+                objective = Objective(question, unknown, theta, Monitor(unknown.names))
+                objective.refine(theta)
+                return objective.readings(theta)[0]
+        free = {n for n, p in self.model.parameters.items() if p.per_record}
+        free |= {plain(n) for n in self.question.per_record}
+        shared = {
+            n: self.values[n]
+            for n in self.model.parameters
+            if n not in free and n in self.values
+        }
+        question = Identification(
+            self.model, record, fixed=shared, start=self.question.start,
+            values={n: self.values.of_record(0).get(n, 0.0) for n in free},
+        )  # fmt: skip
+        unknown = unknowns(question, Values({**Values.nominal(self.model), **question.values}))
+        theta = theta_of(unknown, question.values)
+        objective = Objective(question, unknown, theta, Monitor(unknown.names))
+        if theta.size:
+            theta = LevenbergMarquardt(tolerance=1e-7).minimise(objective, theta).theta
+        objective.refine(theta)
+        return objective.readings(theta)[0]
+
     def unit(self, name: str) -> str:
         """SI unit of an unknown."""
         if name.startswith(INITIAL):
@@ -292,3 +278,13 @@ class Fit:
 
 def _finite(value: float | None) -> float | None:
     return None if value is None or not np.isfinite(value) else float(value)
+
+
+def _same_start(one: Measurement, other: Measurement) -> bool:
+    """Whether two records begin alike: same instants, drive and reading."""
+    n = min(len(one), len(other))
+    return bool(
+        np.array_equal(one.time[:n], other.time[:n])
+        and np.array_equal(one.drive[:n], other.drive[:n])
+        and np.array_equal(one.position[:n], other.position[:n])
+    )

@@ -14,7 +14,8 @@ from piezo_opt.identification.monitor import Monitor, ProgressCallback
 from piezo_opt.identification.multistart import run_starts
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.problem import Identification
-from piezo_opt.identification.result import Ending, Fit, Outcome
+from piezo_opt.identification.outcome import Ending, Outcome
+from piezo_opt.identification.result import Fit
 from piezo_opt.identification.solvers.base import Solution
 from piezo_opt.identification.starting import starting_values
 from piezo_opt.identification.statistics import blind_spots, uncertainty
@@ -97,6 +98,7 @@ def _finish(
     theta = unknown.clip(solution.theta)
     spent = monitor.evaluations
     objective = Objective(question, unknown, theta, Monitor(unknown.names))
+    objective.refine(theta)
     point = objective.linearised(theta)
     at_bound = _at_bound(unknown, theta, point.jacobian.T @ point.residual)
     free = np.array([n not in at_bound for n in unknown.names], dtype=bool)

@@ -17,11 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from piezo_opt.effects.base import Parameter
 from piezo_opt.effects.model import Model
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.problem import Identification
-from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
+from piezo_opt.identification.unknowns import Unknowns, limits, theta_of, unknowns
 from piezo_opt.measurement import Measurement
 from piezo_opt.values import Values
 
@@ -296,7 +297,7 @@ def _scan_gate(
     best_cost, best = search.trial(begin, (gate,))
     for shape in shapes[:1]:
         parameter = model.parameters[shape]
-        for value in _grid(parameter.typical or parameter.bounds, 4):
+        for value in _grid(_reach(parameter, question.campaign.records[0]), 4):
             cost, found = search.trial({**begin, shape: value}, (gate,))
             if cost < best_cost:
                 best_cost, best = cost, found
@@ -307,6 +308,20 @@ def _scan_gate(
         typical = parameter.typical or parameter.bounds
         own[gate] = 0.01 * (typical[0] + typical[1]) * 0.5
     return own
+
+
+def _reach(parameter: Parameter, record: Measurement) -> tuple[float, float]:
+    """Range to search a shape over: its size against the record's, where its unit has one."""
+    if parameter.unit == "1/m":
+        stroke = float(np.ptp(record.position)) or 1.0
+        return 0.3 / stroke, 30.0 / stroke
+    if parameter.unit == "1/V":
+        swing = float(np.ptp(record.drive)) or 1.0
+        return 0.3 / swing, 30.0 / swing
+    low, high = parameter.typical or parameter.bounds
+    narrow_low, narrow_high = limits(parameter, (record,))
+    clipped = max(low, narrow_low), min(high, narrow_high)
+    return clipped if clipped[0] < clipped[1] else (narrow_low, narrow_high)
 
 
 def _grid(span: tuple[float, float], count: int) -> list[float]:

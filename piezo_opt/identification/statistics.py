@@ -149,31 +149,9 @@ def blind_spots(
     if others:
         basis, _ = np.linalg.qr(relative[:, others] / norms[others])
         seen = seen - basis @ (basis.T @ seen)
-    _, strength, directions = np.linalg.svd(seen, full_matrices=False)
-    for value, direction in zip(strength[::-1], directions[::-1], strict=True):
-        spread = sigma / max(value, 1e-300)
-        if spread < 0.5:
-            break
-        top = np.abs(direction).max()
-        parts = [i for i in range(len(usable)) if abs(direction[i]) > 0.2 * top]
-        members = [names[usable[i]] for i in parts]
-        if len(members) == 1:
-            sentences.append(
-                f"{members[0]} is barely seen: its relative standard deviation is "
-                f"{_percent(spread)}."
-            )
-        else:
-            exact = value < 1e-6 * strength[0]
-            moves = ", ".join(
-                f"{names[usable[i]]} {100.0 * direction[i] / top * np.sign(direction[parts[0]]):+.0f} %"
-                for i in parts
-            )
-            how = "at all" if exact else "beyond the residuals"
-            sentences.append(
-                f"{_listed(members)} are redundant: only combinations of them are seen. Moving "
-                f"them together ({moves}) does not change the reading {how}."
-            )
-        told.update(members)
+    for component in _hidden(seen, sigma):
+        told.update(names[usable[i]] for i in component.members)
+        sentences.append(component.sentence([names[usable[i]] for i in component.members]))
     correlation = _correlation(seen)
     for a in range(len(usable)):
         for b in range(a + 1, len(usable)):
@@ -186,6 +164,86 @@ def blind_spots(
                     "you know it."
                 )
     return tuple(sentences)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Component:
+    """Unknowns tied together by directions that hide below the residuals."""
+
+    members: tuple[int, ...]
+    directions: FloatArray
+    """(directions, members), the largest entry of each 1."""
+    spread: float
+    exact: bool
+
+    def sentence(self, names: list[str]) -> str:
+        if len(names) == 1:
+            return (
+                f"{names[0]} is barely seen: its relative standard deviation is "
+                f"{_percent(self.spread)}."
+            )
+        if len(self.directions) >= len(names):
+            return (
+                f"{_listed(names)} are not seen: no combination of them is, once offset, start "
+                "and the other parameters are allowed to follow."
+            )
+        ways = "; or ".join(
+            ", ".join(
+                f"{name} {100.0 * part:+.0f} %"
+                for name, part in zip(names, way, strict=True)
+                if abs(part) > 0.05
+            )
+            for way in self.directions
+        )
+        how = "at all" if self.exact else "beyond the residuals"
+        return (
+            f"{_listed(names)} are redundant: only combinations of them are seen. Moving them "
+            f"together ({ways}) does not change the reading {how}."
+        )
+
+
+def _hidden(seen: FloatArray, sigma: float) -> list[_Component]:
+    """Directions with a relative standard deviation above one half, grouped by their members."""
+    _, strength, rows = np.linalg.svd(seen, full_matrices=False)
+    blind = [k for k in range(strength.size) if sigma > 0.5 * max(strength[k], 1e-300)]
+    if not blind:
+        return []
+    space = _simplified(rows[blind])
+    touched = np.abs(space) > 0.2
+    groups: list[tuple[set[int], list[int]]] = []
+    for k, row in enumerate(touched):
+        members, lines = set(np.flatnonzero(row).tolist()), [k]
+        apart = []
+        for other, more in groups:
+            if other & members:
+                members |= other
+                lines = more + lines
+            else:
+                apart.append((other, more))
+        groups = [*apart, (members, lines)]
+    spread = sigma / max(float(strength[blind[0]]), 1e-300)
+    exact = bool(strength[blind[0]] < 1e-6 * strength[0])
+    return [
+        _Component(tuple(sorted(m)), space[np.ix_(lines, sorted(m))], spread, exact)
+        for m, lines in groups
+    ]
+
+
+def _simplified(rows: FloatArray) -> FloatArray:
+    """The same space by rows with as many zeros as Gauss-Jordan elimination makes."""
+    space = np.array(rows)
+    done: list[int] = []
+    for k in range(space.shape[0]):
+        free = np.array([c not in done for c in range(space.shape[1])])
+        column = int(np.argmax(np.where(free, np.abs(space[k]), -1.0)))
+        space[k] /= space[k, column]
+        for other in range(space.shape[0]):
+            if other != k:
+                space[other] -= space[other, column] * space[k]
+        done.append(column)
+    largest = np.abs(space).max(axis=1, keepdims=True)
+    return np.asarray(space / np.where(largest > 0, largest, 1.0))
 
 
 def _correlation(columns: FloatArray) -> FloatArray:

@@ -94,9 +94,10 @@ class Unknowns:
 def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[float, float]:
     """Declared bounds narrowed to what the records' sampling and length can tell apart.
 
-    Time constants between a tenth of the sampling step and ten times the duration (a longer
+    Time constants between a tenth of the sampling step and three times the duration (a longer
     one is an offset in disguise), natural frequencies between one cycle in four durations and
-    nine tenths of the highest frequency that the sampling can hold.
+    nine tenths of the highest frequency that the sampling can hold. One-sided strokes per volt
+    are mirrored where the position falls as the drive rises.
     """
     low, high = parameter.bounds
     step = min(r.step for r in records)
@@ -104,13 +105,21 @@ def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[floa
     if parameter.unit == "s":
         if low > 0:
             low = max(low, 0.1 * step)
-        high = min(high, 10.0 * duration if low > 0 else 0.25 * duration)
+        high = min(high, 3.0 * duration if low > 0 else 0.25 * duration)
     elif parameter.unit == "rad/s":
         low = max(low, 2.0 * np.pi / (4.0 * duration))
         high = min(high, 0.9 * np.pi / step)
+    elif parameter.unit == "m/V" and low == 0.0 and falls(records[0]):
+        low, high = -high, -low
     if not low < high:
         return parameter.bounds
     return low, high
+
+
+def falls(record: Measurement) -> bool:
+    """Whether the position falls as the drive rises (a mirrored sensor or amplifier)."""
+    drive = record.drive[record.counted] - record.drive[record.counted].mean()
+    return float(drive @ record.position[record.counted]) < 0.0
 
 
 def unknowns(question: Identification, start: Values) -> Unknowns:
@@ -176,8 +185,11 @@ def _memories(
                 size = stroke / max(record.step, 1e-12) * 1e-2
             else:
                 size = 0.05 * stroke
+            # Half a stroke of remanence is more than any actuator keeps; without a bound two slow
+            # states can cancel each other at any size.
+            reach = 0.5 * stroke if declared.unit == "m" else 100.0 * size
             found.extend(
-                (f"{name}.{state}" if count == 1 else f"{name}.{state}[{i}]", size, 100.0 * size)
+                (f"{name}.{state}" if count == 1 else f"{name}.{state}[{i}]", size, reach)
                 for i in range(count)
             )
     return found

@@ -131,15 +131,25 @@ class Simulator:
             return self.directions
         return (*self.directions, *(INITIAL + n for n in self.system.state_names))
 
-    def choose(self, values: Mapping[str, float], tolerance: float = TOLERANCE) -> Accuracy:
-        """Sub-steps that keep the scheme's error at these values below the tolerance."""
+    def choose(
+        self, values: Mapping[str, float], tolerance: float = TOLERANCE, most: int | None = None
+    ) -> Accuracy:
+        """Sub-steps that keep the scheme's error at these values below the tolerance.
+
+        With ``most`` sub-steps in the whole record the best that they allow is taken.
+        """
         segment, p = self._segment(values), self._parameters(values)
         start = self._start(segment, p, self._deviation(values))
 
         def simulate(substeps: Substeps) -> FloatArray:
             return self._run(values, substeps).reading
 
-        return choose(self.system, segment, p, start, simulate, tolerance)
+        limit = {} if most is None else {"most": most}
+        return choose(self.system, segment, p, start, simulate, tolerance, **limit)
+
+    def substeps(self, values: Mapping[str, float]) -> int:
+        """Number of sub-steps in the whole record."""
+        return int(self.accuracy.substeps.of(self._segment(values)).sum())
 
     def reading(self, values: Mapping[str, float]) -> FloatArray:
         """The reading (N,) [m]."""

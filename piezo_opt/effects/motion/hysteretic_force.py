@@ -31,7 +31,7 @@ class HystereticForce(Effect):
     z = State("m", "hysteretic part of the position", remanent=True)
     alpha = Parameter(
         "1/s^2", "stiffness of the hysteretic force per unit mass", nominal=0.0,
-        bounds=(-1e12, 1e12), typical=(1e3, 1e6), null=0.0,
+        bounds=(0.0, 1e12), typical=(1e3, 1e6), null=0.0,
     )  # fmt: skip
     beta = Parameter(
         "1/m", "how soon the force saturates", nominal=1e3, bounds=(0.0, 1e9), typical=(1e2, 1e5)

@@ -19,7 +19,8 @@ class BoucWen(Effect):
 
     The exponent n pivots at the displacement h_s, so that beta and gamma keep the unit 1/V for
     every n; with n = 1 (the default, kept fixed) h_s drops out. With beta + gamma near 0, alpha
-    and the linear gain d act alike: the fit reports it.
+    and the linear gain d act alike: the fit reports it. alpha has the sign of the stroke (a loop
+    lags behind its drive); an identification mirrors its bounds where position falls with drive.
 
     References: Bouc (1967), Proc. 4th Conf. on Nonlinear Oscillation; Wen (1976), J. Eng. Mech.
     Div. 102(2), 249-263; Low & Guo (1995), J. Microelectromech. Syst. 4(4), 230-237 (piezo form).
@@ -29,7 +30,7 @@ class BoucWen(Effect):
     structural = True
     h = State("m", "hysteretic displacement", loop=True, remanent=True)
     alpha = Parameter(
-        "m/V", "strength of the loop", nominal=3e-8, bounds=(-1e-3, 1e-3), typical=(5e-9, 1e-7)
+        "m/V", "strength of the loop", nominal=3e-8, bounds=(0.0, 1e-3), typical=(5e-9, 1e-7)
     )
     beta = Parameter(
         "1/V", "width of the loop", nominal=2e-2, bounds=(0.0, 1e3), typical=(2e-3, 2e-1)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.identification.objective import Objective
-from piezo_opt.identification.result import Ending
+from piezo_opt.identification.outcome import Ending
 
 FloatArray = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.identification.objective import Objective
-from piezo_opt.identification.result import Ending
+from piezo_opt.identification.outcome import Ending
 from piezo_opt.identification.solvers.base import Solution
 
 FloatArray = NDArray[np.float64]
@@ -79,7 +79,7 @@ class LevenbergMarquardt:
                 return Solution(theta, Ending.CONVERGED, "the gradient vanished")
             while True:
                 step = _step(normal, gradient, weight, damping, moving)
-                trial = np.clip(theta + step * scale, low, high)
+                trial = _towards(theta, step * scale, low, high, scale)
                 step = (trial - theta) / scale
                 predicted = -float(gradient @ step + 0.5 * step @ normal @ step)
                 residual = objective.residual(trial)
@@ -108,6 +108,22 @@ class LevenbergMarquardt:
             f"Stopped after {self.iterations} iterations while the cost was still falling; go on "
             "with solve(question, start=fit), or raise iterations.",
         )  # fmt: skip
+
+
+def _towards(
+    theta: FloatArray, step: FloatArray, low: FloatArray, high: FloatArray, scale: FloatArray
+) -> FloatArray:
+    """The step, stopped short of bounds it would cross.
+
+    A bound is approached by nine tenths of the way and only touched from close by: a gate that
+    jumps onto its null would take the derivatives of its shapes with it.
+    """
+    trial = theta + step
+    for bound, crossed in ((low, trial < low), (high, trial > high)):
+        gap = bound - theta
+        short = np.where(np.abs(gap) > 1e-4 * scale, theta + 0.9 * gap, bound)
+        trial = np.where(crossed, short, trial)
+    return np.asarray(trial)
 
 
 def _step(
