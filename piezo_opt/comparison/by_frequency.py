@@ -82,7 +82,7 @@ def by_frequency(misfit: Misfit) -> ByFrequency:
             )[1][1:]
         )
 
-    frequency = np.arange(1, length // 2 + 1) * (rate / length)
+    frequency = np.arange(1, length // 2 + 1, dtype=np.float64) * (rate / length)
     ee, vv = (np.asarray(np.real(density(x, x)), dtype=np.float64) for x in (error, drive))
     yy = np.asarray(np.real(density(reading, reading)), dtype=np.float64)
     cross = np.abs(density(error, drive)) ** 2

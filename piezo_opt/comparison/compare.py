@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final, final
 
+import numpy as np
+
 from piezo_opt.comparison.labels import labels
 from piezo_opt.comparison.metrics import Metrics, measure
 from piezo_opt.comparison.misfit import Misfit
+from piezo_opt.comparison.turns import directions
 from piezo_opt.comparison.where import Where, where
 from piezo_opt.comparison.whiteness import Whiteness, whiteness
 from piezo_opt.errors import InputError
@@ -60,12 +63,12 @@ class Entry:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What stands out, for each record, and whether the rest is white."""
+        """The largest error, what stands out, and whether the rest is white, for each record."""
         several = len(self.misfits) > 1
         return tuple(
             f"{one.record.name}: {text}" if several else text
             for one, places, noise in zip(self.misfits, self.where, self.whiteness, strict=True)
-            for text in (*places.sentences, noise.sentence)
+            for text in (_largest(one), *places.sentences, noise.sentence)
         )
 
 
@@ -185,6 +188,18 @@ def _own(fit: Fit) -> tuple[Misfit, ...]:
     return tuple(map(Misfit, fit.records, fit.readings))
 
 
+def _largest(misfit: Misfit) -> str:
+    record = misfit.record
+    at = int(np.argmax(np.abs(misfit.error)))
+    branch = {1.0: ", loading", -1.0: ", unloading"}.get(
+        float(directions(record.drive)[record.counted][at]), ""
+    )
+    return (
+        f"The largest error is {show(float(misfit.error[at]), record.position_unit)}, at "
+        f"{misfit.time[at]:.6g} s and {misfit.drive[at]:.4g} {record.drive_unit}{branch}."
+    )
+
+
 def _listed(names: Sequence[str]) -> str:
     if len(names) == 1:
         return f"record {names[0]}"
@@ -225,8 +240,10 @@ def columns(comparison: Comparison) -> tuple[tuple[str, tuple[str, ...]], ...]:
         ("fit", tuple(f"{m.fit_percent:.2f} %" for _, m, _ in rows)),
         ("rms", tuple(show(m.rms, unit) for _, m, _ in rows)),
         ("max", tuple(show(m.largest, unit) for _, m, _ in rows)),
-        ("MSE", tuple(squared(m.mse) for _, m, _ in rows)),
+        ("white", tuple(verdict for _, _, verdict in rows)),
+        ("unknowns", tuple(f"{m.unknowns}" for _, m, _ in rows)),
         ("IAE", tuple(show(m.iae, area) for _, m, _ in rows)),
+        ("MSE", tuple(squared(m.mse) for _, m, _ in rows)),
     )
     if not comparison.held_out:
         table += (
@@ -234,11 +251,7 @@ def columns(comparison: Comparison) -> tuple[tuple[str, tuple[str, ...]], ...]:
             ("AIC", tuple(plain(m.aic) for _, m, _ in rows)),
             ("BIC", tuple(plain(m.bic) for _, m, _ in rows)),
         )
-    return (
-        *table,
-        ("unknowns", tuple(f"{m.unknowns}" for _, m, _ in rows)),
-        ("white", tuple(verdict for _, _, verdict in rows)),
-    )
+    return table
 
 
 def _table(comparison: Comparison) -> list[str]:

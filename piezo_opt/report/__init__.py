@@ -1,0 +1,6 @@
+"""Pictures and the HTML page; the only room that draws."""
+
+from piezo_opt.report.chapters import chapter
+from piezo_opt.report.html import write_report
+
+__all__ = ["chapter", "write_report"]

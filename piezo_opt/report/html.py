@@ -1,0 +1,44 @@
+"""Results to one HTML file that opens anywhere, without a network."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from piezo_opt.errors import InputError
+from piezo_opt.readers.files import replacing
+from piezo_opt.report.chapters import chapter
+from piezo_opt.report.page import page
+
+__all__ = ["write_report"]
+
+
+def write_report(
+    path: str | os.PathLike[str],
+    *results: object,
+    title: str | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Write fits and comparisons, in the order given, as one self-contained HTML page.
+
+    Args:
+        path: of the page; it appears whole or not at all.
+        results: fits and comparisons.
+        title: of the page; by default the name of the file.
+        overwrite: whether an existing file may be replaced.
+
+    Returns:
+        the path.
+
+    Raises:
+        InputError: nothing to show, something that is no result, an existing file, or one that
+            cannot be written.
+    """
+    if not results:
+        raise InputError("a report needs a result: write_report('report.html', fit)")
+    file = Path(path)
+    # Asked before anything is drawn; the file is put in place at the end.
+    with replacing(file, overwrite=overwrite) as temporary:
+        blocks = [block for result in results for block in chapter(result)]
+        temporary.write_text(page(title or file.stem, blocks), encoding="utf-8")
+    return file
