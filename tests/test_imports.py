@@ -57,3 +57,9 @@ def test_a_wrong_import_is_noticed(copy: Path, file: str, line: str, broken: str
     done = contract(copy)
     assert done.returncode == 1
     assert f"{broken} BROKEN" in done.stdout
+
+
+def test_every_folder_is_a_package() -> None:
+    # The contract does not look into a folder without __init__.py, and neither do the docs.
+    folders = {file.parent for file in (ROOT / "piezo_opt").rglob("*.py")}
+    assert [str(f.relative_to(ROOT)) for f in folders if not (f / "__init__.py").exists()] == []

@@ -47,7 +47,7 @@ def test_page(
 
 def test_the_pages_that_teach_run_code() -> None:
     assert {page.name for page in PAGES} >= {
-        *("README.md", "extending.md", "how_to_choose.md", "index.md", "thesis.md"),
+        *("README.md", "extending.md", "how_to_choose.md", "index.md", "thesis.md", "tutorial.md"),
     }
 
 
