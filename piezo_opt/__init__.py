@@ -1,1 +1,79 @@
-"""Optimal identification, diagnosis and control of piezoelectric actuators."""
+"""Optimal identification, diagnosis and control of piezoelectric actuators.
+
+The front door, in the order of the work: read a record, write the physics as a sum of effects,
+ask a question, solve it, compare, report.
+"""
+
+from piezo_opt import effects
+from piezo_opt.comparison import Comparison, compare, uncontrolled_iae
+from piezo_opt.datasets import load, load_campaign
+from piezo_opt.effects import Effect, Model
+from piezo_opt.errors import InputError, ModelError, PiezoOptError
+from piezo_opt.identification import (
+    CmaEs,
+    DifferentialEvolution,
+    Fit,
+    Identification,
+    LevenbergMarquardt,
+    Loss,
+    NelderMead,
+    Prior,
+    ScipyLeastSquares,
+    Shape,
+    SingleShooting,
+    Start,
+    default_model,
+    load_fit,
+    save_fit,
+    solve,
+)
+from piezo_opt.measurement import Between, Campaign, Measurement
+from piezo_opt.readers import read, read_campaign, write
+from piezo_opt.report import write_report
+from piezo_opt.simulation import Initial, Response, simulate
+from piezo_opt.units import quantity
+from piezo_opt.values import Values
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Between",
+    "Campaign",
+    "CmaEs",
+    "Comparison",
+    "DifferentialEvolution",
+    "Effect",
+    "Fit",
+    "Identification",
+    "Initial",
+    "InputError",
+    "LevenbergMarquardt",
+    "Loss",
+    "Measurement",
+    "Model",
+    "ModelError",
+    "NelderMead",
+    "PiezoOptError",
+    "Prior",
+    "Response",
+    "ScipyLeastSquares",
+    "Shape",
+    "SingleShooting",
+    "Start",
+    "Values",
+    "compare",
+    "default_model",
+    "effects",
+    "load",
+    "load_campaign",
+    "load_fit",
+    "quantity",
+    "read",
+    "read_campaign",
+    "save_fit",
+    "simulate",
+    "solve",
+    "uncontrolled_iae",
+    "write",
+    "write_report",
+]

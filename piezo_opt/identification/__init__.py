@@ -6,11 +6,16 @@ from piezo_opt.identification.problem import Identification, Loss, Prior, Shape,
 from piezo_opt.identification.outcome import Ending, Evaluations, Outcome, Trace
 from piezo_opt.identification.result import Fit, StartResult
 from piezo_opt.identification.solve import solve
+from piezo_opt.identification.solvers.cma_es import CmaEs
+from piezo_opt.identification.solvers.differential_evolution import DifferentialEvolution
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
+from piezo_opt.identification.solvers.nelder_mead import NelderMead
+from piezo_opt.identification.solvers.scipy_least_squares import ScipyLeastSquares
+from piezo_opt.identification.storage import load_fit, save_fit
 from piezo_opt.identification.transcription import SingleShooting
 
 __all__ = [
-    "Ending", "Evaluations", "Fit", "Identification", "LevenbergMarquardt", "Loss", "Outcome",
-    "Prior", "Progress", "Shape", "SingleShooting", "Start", "StartResult", "Trace",
-    "default_model", "solve",
+    "CmaEs", "DifferentialEvolution", "Ending", "Evaluations", "Fit", "Identification", "LevenbergMarquardt", "Loss", "NelderMead", "Outcome",
+    "Prior", "Progress", "ScipyLeastSquares", "Shape", "SingleShooting", "Start", "StartResult", "Trace",
+    "default_model", "load_fit", "save_fit", "solve",
 ]  # fmt: skip

@@ -1,0 +1,165 @@
+"""Records cut into sub-steps: the rows of which nonlinear programs are made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.assembly import System
+from piezo_opt.errors import ModelError
+from piezo_opt.identification.objective import Objective
+from piezo_opt.identification.problem import Start
+from piezo_opt.simulation import INITIAL, Simulator
+from piezo_opt.simulation.engine import engine
+from piezo_opt.simulation.schedule import Segment, corners, cycle, segments
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+_RUNAWAY = 1e3
+"""A simulated state that leaves by more than this many sizes is no guess."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """A stretch of time simulated from one start, cut into R sub-steps.
+
+    Attributes:
+        record: index of the record.
+        segment: one sub-step a row; ``reading`` counts them.
+        target: (R,) measured reading at the end of each sub-step, 0 where none is counted [m].
+        weight: (R,) square root of the weight of that residual, 0 where none is counted.
+        states: (R + 1, n) states at the start and after each sub-step, simulated at the start
+            values, finite always.
+        closed: whether it ends where it began (one period of a periodic record).
+    """
+
+    record: int
+    segment: Segment
+    target: FloatArray
+    weight: FloatArray
+    states: FloatArray
+    closed: bool
+
+
+def chains(objective: Objective, theta: FloatArray) -> tuple[Chain, ...]:
+    """The records of a question, cut into the sub-steps that its simulators chose."""
+    found: list[Chain] = []
+    question = objective.question
+    weights = question.weights or (1.0,) * len(objective.simulators)
+    for i, simulator in enumerate(objective.simulators):
+        record = question.campaign.records[i]
+        numbers = objective.unknowns.of_record(i, theta)
+        system = simulator.system
+        drive = corners(record, system.channel_names)
+        p = np.array([numbers[n] for n in system.parameter_names])
+        delay = None if system.delay is None else _delay(system, objective, i, p)
+        whole = segments(drive, record.time - record.time[0], delay)
+        parts = [(whole, False)]
+        if question.start_of(record) is Start.PERIODIC:
+            parts.insert(0, (cycle(drive, float(record.period or 0.0)), True))
+        for segment, closed in parts:
+            cut = _cut(segment, simulator)
+            target, weight = np.zeros(cut.length.size), np.zeros(cut.length.size)
+            if not closed:
+                at = segment.reading
+                ends = np.cumsum(simulator.accuracy.substeps.of(segment)) - 1
+                read = ends[at >= 0]
+                counted = objective.counted[i][at[at >= 0]]
+                target[read] = np.where(counted, record.position[at[at >= 0]], 0.0)
+                weight[read] = np.where(counted, float(np.sqrt(weights[i])), 0.0)
+            states = _guess(system, cut, p, numbers, float(np.ptp(record.position)))
+            found.append(Chain(i, cut, target, weight, states, closed))
+    return tuple(found)
+
+
+def _delay(system: System, objective: Objective, index: int, p: FloatArray) -> float:
+    assert system.delay is not None
+    moved = np.array(system.delay.jac_sparsity(0, 0).T.row(), dtype=int)
+    names = {system.parameter_names[k] for k in moved}
+    for k in objective.unknowns.columns(index):
+        member = objective.unknowns.members[k]
+        if member.local in names:
+            raise ModelError(
+                f"'{member.name}' is estimated and moves the readings against the drive, which "
+                "only single shooting follows; take transcription=SingleShooting(), or keep it: "
+                f"fixed={{'{member.name}': ...}}."
+            )
+    return float(system.delay(p))
+
+
+def _cut(segment: Segment, simulator: Simulator) -> Segment:
+    """Every sub-step as a segment of its own."""
+    count = simulator.accuracy.substeps.of(segment).astype(np.intp)
+    which = np.repeat(np.arange(count.size), count)
+    within = np.arange(which.size) - np.repeat(np.cumsum(count) - count, count)
+    length = (segment.length / count)[which]
+    past = within * length
+    slope, beside = segment.slope[which], segment.channel_slopes[which]
+    nothing = np.zeros(which.size)
+    return Segment(
+        length=length,
+        time=segment.time[which] + past,
+        drive=segment.drive[which] + slope * past,
+        slope=slope,
+        channels=np.ascontiguousarray(segment.channels[which] + beside * past[:, None]),
+        channel_slopes=np.ascontiguousarray(beside),
+        length_by_delay=nothing,
+        drive_by_delay=nothing,
+        time_by_delay=nothing,
+        channels_by_delay=np.zeros_like(beside),
+        reading=np.arange(which.size, dtype=np.int32),
+    )
+
+
+def _guess(
+    system: System, cut: Segment, p: FloatArray, numbers: dict[str, float], stroke: float
+) -> FloatArray:
+    """States simulated at the start values; held at the last sane value where they run away."""
+    deviation = np.array([numbers.get(INITIAL + n, 0.0) for n in system.state_names])
+    given = (cut.time[0], cut.drive[0], cut.channels[0], p, deviation)
+    first = np.array(system.start(*given), dtype=float).ravel()
+    ones = np.ones(cut.length.size, dtype=np.int32)
+    run = engine(system, (), True).run(
+        cut, ones, p, first, np.zeros((first.size, 0)), states=True
+    )
+    assert run.states is not None
+    states = np.vstack([first, run.states])
+    lengths = np.array([unit == "m" for unit in system.state_units], dtype=bool)
+    sane = np.isfinite(states).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        sane &= (np.abs(states[:, lengths]) <= _RUNAWAY * (stroke or 1.0)).all(axis=1)
+    if sane.all():
+        return states
+    last = np.maximum.accumulate(np.where(sane, np.arange(sane.size), 0))
+    return np.where(np.isfinite(states[last]), states[last], 0.0)
+
+
+def state_sizes(parts: tuple[Chain, ...], units: tuple[str, ...], stroke: float) -> FloatArray:
+    """A positive size of every state, from the guess; a small share of the stroke at least."""
+    top = np.max([np.abs(part.states).max(axis=0) for part in parts], axis=0)
+    least = np.array([1e-3 * stroke if unit == "m" else 0.0 for unit in units])
+    sizes = np.maximum(top, least)
+    return np.where(sizes > 0, sizes, 1.0)
+
+
+def columns_of(segment: Segment) -> FloatArray:
+    """What a sub-step needs to know, one row a quantity: h, t, u, u', channels, their slopes."""
+    return np.vstack(
+        [
+            segment.length, segment.time, segment.drive, segment.slope,
+            segment.channels.T, segment.channel_slopes.T,
+        ]
+    )  # fmt: skip
+
+
+def split(row: ca.SX, channels: int) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+    """The quantities of :func:`columns_of` from one column of symbols."""
+    return (
+        row[0], row[1], row[2], row[3], row[4 : 4 + channels], row[4 + channels : 4 + 2 * channels],
+    )  # fmt: skip
