@@ -1,7 +1,11 @@
 """C text to a loaded library, compiled once and kept by the hash of its content.
 
+A library is kept as ``HASH OF THE SOURCE/HASH OF THE LIBRARY.so``. It is opened only when its
+content has the hash that its name says: the loader maps the file, and a cut-off one would not be
+refused but kill the process with a bus error. Whatever fails the test is removed and built again.
+
 Two processes may build the same library at once: each writes its own temporary file and renames
-it into place, which is atomic. A library that does not load is built again; a cache directory
+it into place, which is atomic and leaves alone who has the old file mapped. A cache directory
 that cannot be written is replaced by a temporary one for this process.
 
 Environment: ``PIEZO_OPT_CACHE`` is the cache directory, ``PIEZO_OPT_CC`` the compiler; an empty
@@ -10,6 +14,7 @@ Environment: ``PIEZO_OPT_CACHE`` is the cache directory, ``PIEZO_OPT_CC`` the co
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import hashlib
 import os
@@ -25,6 +30,9 @@ FLAGS: Final = (
     "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-std=gnu11", "-shared",
     "-fPIC", "-w",
 )  # fmt: skip
+
+PROBE: Final = "po_run"
+"""A symbol that every library has."""
 
 
 def find_compiler() -> str | None:
@@ -79,21 +87,44 @@ def _private_directory() -> str:
 
 
 def _load_into(directory: Path, key: str, text: str, compiler: str) -> ctypes.CDLL | None:
-    library = directory / f"{key}.so"
-    if library.exists():
-        loaded = _open(library)
-        if loaded is not None:
-            return loaded
+    kept = directory / key
+    loaded = _open_kept(kept)
+    if loaded is not None:
+        return loaded
     try:
-        directory.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{key}_", dir=directory) as scratch:
+        kept.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".build_", dir=directory) as scratch:
             made = _compile(Path(scratch), text, compiler)
             if made is None:
                 return None
-            os.replace(made, library)
+            os.replace(made, kept / f"{_digest(made)}.so")
     except OSError:
         return None
-    return _open(library)
+    return _open_kept(kept)
+
+
+def _open_kept(kept: Path) -> ctypes.CDLL | None:
+    """The first library of a directory that is what its name says and that loads."""
+    try:
+        candidates = sorted(kept.glob("*.so"))
+    except OSError:
+        return None
+    for library in candidates:
+        try:
+            if _digest(library) == library.stem:
+                loaded = ctypes.CDLL(str(library))
+                if hasattr(loaded, PROBE):
+                    return loaded
+        except OSError:
+            pass
+        # Removing is safe even where another process has it mapped: the file lives on until then.
+        with contextlib.suppress(OSError):
+            library.unlink()
+    return None
+
+
+def _digest(library: Path) -> str:
+    return hashlib.sha256(library.read_bytes()).hexdigest()[:32]
 
 
 def _compile(scratch: Path, text: str, compiler: str) -> Path | None:
@@ -107,11 +138,3 @@ def _compile(scratch: Path, text: str, compiler: str) -> Path | None:
         if done.returncode == 0:
             return target
     return None
-
-
-def _open(library: Path) -> ctypes.CDLL | None:
-    try:
-        loaded = ctypes.CDLL(str(library))
-        return loaded if hasattr(loaded, "po_run") else None
-    except OSError:
-        return None

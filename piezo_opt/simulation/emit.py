@@ -20,8 +20,9 @@ _BINARY = {
     ca.OP_DIV: "({0} / {1})",
     ca.OP_POW: "pow({0}, {1})",
     ca.OP_CONSTPOW: "pow({0}, {1})",
-    ca.OP_FMIN: "fmin({0}, {1})",
-    ca.OP_FMAX: "fmax({0}, {1})",
+    # Not fmin and fmax: their rule for NaN costs a call, a comparison is one instruction.
+    ca.OP_FMIN: "({0} < {1} ? {0} : {1})",
+    ca.OP_FMAX: "({0} > {1} ? {0} : {1})",
     ca.OP_LT: "(double)({0} < {1})",
     ca.OP_LE: "(double)({0} <= {1})",
     ca.OP_EQ: "(double)({0} == {1})",
@@ -31,6 +32,7 @@ _BINARY = {
     ca.OP_IF_ELSE_ZERO: "({0} ? {1} : 0.0)",
     ca.OP_ATAN2: "atan2({0}, {1})",
     ca.OP_FMOD: "fmod({0}, {1})",
+    ca.OP_REMAINDER: "remainder({0}, {1})",
     ca.OP_COPYSIGN: "copysign({0}, {1})",
     ca.OP_HYPOT: "hypot({0}, {1})",
 }
