@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from piezo_opt.assembly import assemble
 from piezo_opt.effects import (
+    AmplifierLag,
     Asymmetry,
     Backlash,
     BoucWen,
@@ -159,12 +160,15 @@ def test_rate_dependence_of_exponent_two_is_a_beta_that_grows_with_the_rate() ->
 
 
 def test_asymmetry_adds_what_its_integral_says() -> None:
-    time = np.linspace(0.0, 1.0, 101)
-    drive = 40.0 * time
+    time = np.linspace(0.0, 2.0, 201)
+    drive = 40.0 * np.minimum(time, 2.0 - time)
     model = PiezoGain() + BoucWen() + Asymmetry()
     values = {"bouc_wen.alpha": 0.0, "bouc_wen.beta": 0.0, "asymmetry.delta": 1e-10}
     _, states = respond(model, time, drive, values, 1e-2)
-    np.testing.assert_allclose(states["bouc_wen.h"], 0.5e-10 * drive**2, rtol=1e-9, atol=1e-20)
+    # Up and down both add: the loop does not close.
+    up = 0.5e-10 * drive**2
+    expected = np.where(time <= 1.0, up, 2 * 0.5e-10 * 40.0**2 - up)
+    np.testing.assert_allclose(states["bouc_wen.h"], expected, rtol=1e-9, atol=1e-20)
 
 
 def wander(size: int = 300) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -285,6 +289,20 @@ def test_creep_goes_to_its_share() -> None:
     np.testing.assert_allclose(reading[after], expected, rtol=0, atol=3e-4 * 0.05 * end)
 
 
+def test_creep_has_one_element_a_decade() -> None:
+    time = np.linspace(0.0, 5.0, 501)
+    drive = 100.0 * np.minimum(1.0, time / 0.01)
+    reading, _ = respond(
+        PiezoGain() + Creep(3), time, drive, {"creep.c": 1e-6, "creep.tau": 0.05}, 1e-2
+    )
+    late = time > 0.1
+    # So little creep does not feed back; the ramp acts as a step in its middle.
+    since = time[late, None] - 0.005
+    grown = (1.0 - np.exp(-since / np.array([0.05, 0.5, 5.0]))).mean(axis=1)
+    crept = (reading - GAIN * drive)[late] / (1e-6 * GAIN * 100.0)
+    np.testing.assert_allclose(crept, grown, rtol=0, atol=1e-3)
+
+
 def test_nonlinear_gain_is_its_polynomial() -> None:
     drive = np.linspace(-5, 10, 31)
     reading = static(
@@ -385,6 +403,8 @@ def test_a_second_mode_adds_its_share_at_rest_and_its_resonance() -> None:
     time = np.linspace(0, 0.05, 501)
     values = {"second_mode.g": 0.1, "second_mode.omega": 2e3, "second_mode.zeta": 0.05}
     slow = 40 * np.minimum(1.0, time / 0.02)
+    bias, _ = respond(model, time, 30.0 + 0.0 * time + slow * (time > 0.04), values, 2e-5)
+    np.testing.assert_allclose(bias[:400], 1.1 * GAIN * 30.0, rtol=1e-9)
     assert respond(model, time, slow, values, 2e-5)[0][-1] == pytest.approx(1.1 * 4e-6, rel=1e-2)
     shaken = 40 * np.sin(2e3 * time)
     reading, _ = respond(model, time, shaken, values, 2e-5)
@@ -402,6 +422,15 @@ def test_a_pure_sensor_lag_answers_a_ramp_tau_later() -> None:
     values = {"sensor_lag.share": 1.0, "sensor_lag.tau": 0.02}
     reading, _ = respond(PiezoGain() + SensorLag(), time, 10 * time, values, 1e-3)
     np.testing.assert_allclose(reading[50:], 1e-6 * (time[50:] - 0.02), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("lag", [AmplifierLag(), SlewLimit(), SensorLag()])
+def test_a_lag_starts_at_rest_under_the_first_drive(lag: Effect) -> None:
+    time = np.linspace(0, 1, 21)
+    drive = np.where(time < 0.6, 30.0, 40.0)
+    values = {f"{lag.name}.share": 1.0, f"{lag.name}.tau": 0.02}
+    reading, _ = respond(PiezoGain() + lag, time, drive, values, 1e-2)
+    np.testing.assert_allclose(reading[time < 0.5], GAIN * 30.0, rtol=1e-12)
 
 
 def test_the_periodic_error_repeats_every_half_wavelength() -> None:

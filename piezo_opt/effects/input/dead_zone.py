@@ -21,7 +21,7 @@ class DeadZone(Effect):
     softplus(a) = log(1 + exp(a)).
 
     References: Tao & Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor
-    Nonlinearities, Wiley, ch. 2 (dead-zone); Khalil (2002), Nonlinear Systems, sec. 1.2.7.
+    Nonlinearities, Wiley (dead-zone); Khalil (2002), Nonlinear Systems, sec. 1.2.7.
     """
 
     place = Place.INPUT

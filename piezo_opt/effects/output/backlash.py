@@ -20,7 +20,7 @@ class Backlash(Effect):
     w = 0 the reading is the position.
 
     References: Tao & Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor
-    Nonlinearities, Wiley, ch. 2 (backlash).
+    Nonlinearities, Wiley (backlash).
     """
 
     place = Place.OUTPUT

@@ -20,8 +20,8 @@ class MainsPickup(Effect):
     f is kept at 50 Hz unless set (60 Hz) or freed; a second pickup holds a harmonic. A negative
     amplitude is the opposite phase: a fit that starts at 0 can leave in either direction.
 
-    References: Ott (2009), Electromagnetic Compatibility Engineering, Wiley, ch. 2-3 (coupling of
-    mains fields into cables, ground loops).
+    References: Ott (2009), Electromagnetic Compatibility Engineering, Wiley (coupling of mains
+    fields into cables, ground loops).
     """
 
     place = Place.OUTPUT

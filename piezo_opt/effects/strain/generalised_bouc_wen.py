@@ -14,7 +14,7 @@ from piezo_opt.symbolic import abs_, power_
 class GeneralisedBoucWen(Effect):
     """Normalised Bouc-Wen hysteresis with a free exponent, in the place of bouc_wen.
 
-        h' = rho (kappa v' - sigma |v'| |h/kappa|^(n-1) h + (sigma - 1) v' |h/kappa|^(n-1) |h|)
+        h' = rho kappa (v' - sigma |v'| |z|^(n-1) z + (sigma - 1) v' |z|^n),   z = h / kappa
         s += -h
 
     h saturates at kappa. Scaling by the saturation removes the redundancy of the classical
@@ -40,7 +40,7 @@ class GeneralisedBoucWen(Effect):
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The loop's rate, and its contribution to the free displacement."""
-        rate, size = chain.drive.rate, abs_(x.h)
-        shape = power_(size / p.kappa, p.n - 1.0)
-        bent = shape * (p.sigma * abs_(rate) * x.h - (p.sigma - 1.0) * rate * size)
-        return Equations(gives=-x.h, moves={"h": p.rho * (p.kappa * rate - bent)})
+        rate, z = chain.drive.rate, x.h / p.kappa
+        shape = power_(abs_(z), p.n - 1.0)
+        bent = shape * (p.sigma * abs_(rate) * z - (p.sigma - 1.0) * rate * abs_(z))
+        return Equations(gives=-x.h, moves={"h": p.rho * p.kappa * (rate - bent)})

@@ -18,7 +18,7 @@ class NonlinearGain(Effect):
     The cubic coefficient is k2 ratio, so that one gate makes both vanish; ratio is kept at 0
     unless freed.
 
-    References: Smith (2005), Smart Material Systems: Model Development, SIAM, ch. 2
+    References: Smith (2005), Smart Material Systems: Model Development, SIAM
     (electrostrictive strain, quadratic in the field).
     """
 

@@ -22,7 +22,7 @@ class PrandtlIshlinskii(Effect):
     came from zero once.
 
     References: Kuhnen (2003), European Journal of Control 9(4), 407-418; Brokate & Sprekels
-    (1996), Hysteresis and Phase Transitions, Springer, ch. 2 (play and stop operators).
+    (1996), Hysteresis and Phase Transitions, Springer (play and stop operators).
     """
 
     operators: int = 10
@@ -30,7 +30,7 @@ class PrandtlIshlinskii(Effect):
     structural = True
     z = State("V", "play of each operator", size="operators")
     rho = Parameter(
-        "m/V", "strength of the loop", nominal=3e-8, bounds=(-1e-3, 1e-3), typical=(5e-9, 1e-7)
+        "m/V", "strength of the loop", nominal=3e-8, bounds=(0.0, 1e-3), typical=(5e-9, 1e-7)
     )
     decay = Parameter(
         "1", "decay of the weights over the thresholds", nominal=1.0, bounds=(-20.0, 20.0),

@@ -25,7 +25,7 @@ class Preisach(Effect):
     every parameter. piezo_gain's d is the slope just after a turn.
 
     References: Preisach (1935), Zeitschrift fuer Physik 94, 277-302; Brokate & Sprekels (1996),
-    Hysteresis and Phase Transitions, Springer, ch. 2 (Preisach operators through plays).
+    Hysteresis and Phase Transitions, Springer (Preisach operators through plays).
     """
 
     operators: int = 10
@@ -33,7 +33,7 @@ class Preisach(Effect):
     structural = True
     z = State("V", "play of each operator", size="operators")
     rho = Parameter(
-        "m/V", "strength of the loop", nominal=3e-8, bounds=(-1e-3, 1e-3), typical=(5e-9, 1e-7)
+        "m/V", "strength of the loop", nominal=3e-8, bounds=(0.0, 1e-3), typical=(5e-9, 1e-7)
     )
     decay = Parameter(
         "1", "decay of the density over the thresholds", nominal=1.0, bounds=(-20.0, 20.0),

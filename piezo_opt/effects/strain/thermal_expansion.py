@@ -17,7 +17,7 @@ class ThermalExpansion(Effect):
 
     b is the difference of the expansions of stack and frame over the measured length.
 
-    References: IEEE Std 176-1987, IEEE Standard on Piezoelectricity (thermal strain).
+    References: Nye (1985), Physical Properties of Crystals, Oxford (thermal expansion).
     """
 
     place = Place.STRAIN
