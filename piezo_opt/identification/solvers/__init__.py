@@ -1,0 +1,1 @@
+"""Solvers of the residuals of single shooting, one in each file."""
