@@ -98,15 +98,20 @@ def load_campaign(
     if name not in _CAMPAIGNS:
         raise InputError(f"there is no campaign {name!r}: there are {', '.join(_CAMPAIGNS)}")
     file = path(_CAMPAIGNS[name])
-    with h5py.File(file, "r") as content:
-        levels = tuple(content)
-        if level not in levels:
-            raise InputError(f"{name} has no level {level!r}: there are {', '.join(levels)}")
-        # axes: sample, channel, realisation, period
-        voltage = np.asarray(content[level]["voltage"][()], dtype=np.float64)
-        position = np.asarray(content[level]["displacement"][()], dtype=np.float64)
-        rate = float(content.attrs["rate"])
-        source = str(content.attrs["source"])
+    try:
+        with h5py.File(file, "r") as content:
+            levels = tuple(content)
+            if level not in levels:
+                raise InputError(f"{name} has no level {level!r}: there are {', '.join(levels)}")
+            # axes: sample, channel, realisation, period
+            voltage = np.asarray(content[level]["voltage"][()], dtype=np.float64)
+            position = np.asarray(content[level]["displacement"][()], dtype=np.float64)
+            rate = float(content.attrs["rate"])
+            source = np.asarray(content.attrs["source"]).item().decode("utf-8")
+    except (OSError, KeyError) as error:
+        raise InputError(
+            f"{file}: is damaged ({error}): compare it with SHA256SUMS and fetch it again"
+        ) from error
     samples, channels, realisations, periods = voltage.shape
     for word, number in (("drive", drive), ("displacement", displacement)):
         if number not in range(1, channels + 1):

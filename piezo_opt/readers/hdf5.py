@@ -11,9 +11,11 @@ The layout that `write_hdf5` writes and `campaign_from_hdf5` reads without loss:
     /record_0000/channels/channel_0000   float64 (N,), attributes name and unit
     /record_0001 ...
 
-Signals are compressed without loss (shuffle, deflate) and carry a checksum. In any other HDF5
-file, one-dimensional data sets are taken as columns: their names are their paths, their units the
-attribute ``unit`` or ``units`` or what the caller says with ``drive="u [V]"``.
+Signals are compressed without loss (shuffle, deflate) and carry a checksum, and so does all else:
+the file has the format of HDF5 1.10, whose metadata are checked, and text of fixed length.
+
+In any other HDF5 file, one-dimensional data sets are taken as columns: their names are their paths,
+their units the attribute ``unit`` or ``units`` or what the caller says with ``drive="u [V]"``.
 """
 
 from __future__ import annotations
@@ -88,18 +90,18 @@ def write_hdf5(
                 raise InputError(f"{path}: {text!r} cannot be stored as text: rename it")
     with (
         replacing(path, overwrite=overwrite) as temporary,
-        h5py.File(temporary, "x") as content,
+        h5py.File(temporary, "x", libver=("v110", "v110")) as content,
     ):
-        content.attrs["format"] = _FORMAT
+        content.attrs["format"] = _stored(_FORMAT)
         content.attrs["version"] = _VERSION
         for number, record in enumerate(campaign):
             _write_record(content.create_group(f"record_{number:04d}"), record)
 
 
 def _write_record(group: Any, record: Measurement) -> None:
-    group.attrs["name"] = record.name
-    group.attrs["between"] = record.between.value
-    group.attrs["source"] = record.source
+    group.attrs["name"] = _stored(record.name)
+    group.attrs["between"] = _stored(record.between.value)
+    group.attrs["source"] = _stored(record.source)
     group.attrs["startup"] = np.float64(record.startup)
     group.attrs["allow_saturated"] = np.bool_(record.allow_saturated)
     if record.period is not None:
@@ -110,14 +112,14 @@ def _write_record(group: Any, record: Measurement) -> None:
     for number, (name, values) in enumerate(record.channels.items()):
         where = f"channels/channel_{number:04d}"
         _write_signal(group, where, values, record.channel_units[name])
-        group[where].attrs["name"] = name
+        group[where].attrs["name"] = _stored(name)
 
 
 def _write_signal(group: Any, name: str, values: FloatArray, unit: str) -> None:
     stored = group.create_dataset(
         name, data=values, compression="gzip", compression_opts=9, shuffle=True, fletcher32=True
     )
-    stored.attrs["unit"] = unit
+    stored.attrs["unit"] = _stored(unit)
 
 
 @contextmanager
@@ -184,6 +186,13 @@ def _numbers(file: Path, stored: Any) -> FloatArray:
     if stored.dtype.kind not in "fiu":
         raise InputError(f"{file}: {stored.name} does not hold real numbers: export it again")
     return np.asarray(stored[()], dtype=np.float64).reshape(-1)
+
+
+def _stored(text: str) -> Any:
+    """Text of fixed length. Text of any length would lie in a heap without a checksum, where
+    one wrong byte can send the library into an endless loop."""
+    encoded = text.encode("utf-8")
+    return np.array(encoded, dtype=h5py.string_dtype("utf-8", max(1, len(encoded))))
 
 
 def _text(value: object) -> str:

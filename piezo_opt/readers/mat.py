@@ -22,6 +22,7 @@ from piezo_opt.errors import InputError
 from piezo_opt.readers.columns import Column, Table, known_unit
 from piezo_opt.readers.files import checked, refuse_rows
 from piezo_opt.readers.hdf5 import table_from_hdf5
+from piezo_opt.readers.mat_structure import check_structure
 
 
 def table_from_mat(path: str | os.PathLike[str]) -> Table:
@@ -29,6 +30,7 @@ def table_from_mat(path: str | os.PathLike[str]) -> Table:
     file = checked(path)
     if h5py.is_hdf5(file):
         return table_from_hdf5(file)
+    check_structure(file)
     variables = _flattened(_variables(file))
     columns: list[Column] = []
     for name, value in variables.items():

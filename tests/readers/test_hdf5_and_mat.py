@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from scipy import io
+from scipy import io, sparse
 
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import Between, Campaign, Measurement
@@ -75,6 +75,11 @@ class TestHdf5:
         file = tmp_path_factory.getbasetemp() / "any.h5"
         write(one, file, overwrite=True)
         assert_same(read(file), one)
+
+    def test_a_long_source_and_an_empty_name(self, tmp_path: Path) -> None:
+        one = record(source="é" * 70_000, name="")
+        write(one, tmp_path / "a.h5")
+        assert_same(read(tmp_path / "a.h5"), one)
 
     def test_several_records(self, tmp_path: Path) -> None:
         campaign = Campaign.of([record(name=name) for name in ("b", "a", "c")])
@@ -217,6 +222,29 @@ class TestMatlab:
         io.savemat(tmp_path / "a.mat", {"t": T, "u": U, "y": Y}, do_compression=True)
         monkeypatch.setattr(files, "MOST_ROWS", 100)
         with pytest.raises(InputError, match="more than 100 samples"):
+            read(tmp_path / "a.mat", **self.SAID)
+
+    def test_a_damaged_type_number_is_noticed_before_compiled_code_uses_it(
+        self, tmp_path: Path
+    ) -> None:
+        io.savemat(tmp_path / "a.mat", {"t": T, "u": U, "y": Y})
+        content = bytearray((tmp_path / "a.mat").read_bytes())
+        # The numbers of t stand last in the first variable; their type is 9 (double).
+        place = content.index(T.tobytes()) - 8
+        assert content[place] == 9
+        content[place] = 200
+        (tmp_path / "a.mat").write_bytes(content)
+        with pytest.raises(InputError, match="unknown data type 200"):
+            read(tmp_path / "a.mat", **self.SAID)
+
+    def test_other_variables_beside_the_signals(self, tmp_path: Path) -> None:
+        others = {"z": 1j * T, "s": sparse.eye_array(3), "c": np.array([T, "a"], dtype=object)}
+        io.savemat(tmp_path / "a.mat", {"t": T, "u": U, "y": Y, **others, "r": {"a": {"b": []}}})
+        self.check(read(tmp_path / "a.mat", **self.SAID))
+
+    def test_version_4_is_refused(self, tmp_path: Path) -> None:
+        io.savemat(tmp_path / "a.mat", {"t": T, "u": U, "y": Y}, format="4")
+        with pytest.raises(InputError, match=r"version 5 or 7\.3: save the signals again"):
             read(tmp_path / "a.mat", **self.SAID)
 
     @pytest.mark.parametrize("part", [0.1, 0.5, 0.9])

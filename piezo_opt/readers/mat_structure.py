@@ -1,0 +1,148 @@
+"""Whether a MATLAB 5 file is whole, looked at before scipy reads it.
+
+scipy trusts the type numbers in the file and uses them as indices in compiled code, so a damaged
+file can end the process instead of raising. This walk over the elements ("tags") follows the
+published layout (MathWorks, "MAT-File Format", level 5): a header of 128 bytes, then elements of
+type and size; matrices hold further elements, compressed elements hold one matrix.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+
+from piezo_opt.errors import InputError
+from piezo_opt.readers.files import LARGEST_FILE
+
+_HEADER = 128
+_MATRIX, _COMPRESSED = 14, 15
+_PLAIN = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18})
+_DEEPEST = 32
+_NUMBERS = range(6, 16)
+_CELL, _STRUCTURE, _OBJECT, _TEXT, _SPARSE = 1, 2, 3, 4, 5
+
+
+class _Damaged(Exception):
+    """What is wrong, in a few words."""
+
+
+def check_structure(file: Path) -> None:
+    """Raise `InputError` unless the file is a whole MATLAB file of version 5 to 7.2."""
+    content = file.read_bytes()
+    order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
+    again = "save the signals again, as in save('file.mat', 't', 'u', 'y', '-v7')"
+    if order is None or struct.unpack(order + "H", content[124:126])[0] != 0x0100:
+        raise InputError(f"{file}: is not a MATLAB file of version 5 or 7.3: {again}")
+    try:
+        _elements(memoryview(content)[_HEADER:], order)
+    except _Damaged as error:
+        raise InputError(f"{file}: is not a whole MATLAB file ({error}): {again}") from error
+
+
+def _elements(content: memoryview, order: str) -> None:
+    place = 0
+    while place < len(content):
+        kind, body, place = _element(content, place, order)
+        if kind == _COMPRESSED:
+            unfolded = memoryview(_unfolded(body))
+            inner, matrix, _ = _element(unfolded, 0, order)
+            if inner != _MATRIX:
+                raise _Damaged("a compressed variable holds no matrix")
+            _matrix(matrix, order, 0)
+        elif kind == _MATRIX:
+            _matrix(body, order, 0)
+        else:
+            raise _Damaged(f"element of type {kind} where a variable should be")
+
+
+def _element(content: memoryview, place: int, order: str) -> tuple[int, memoryview, int]:
+    """Type, body and the place of the next element."""
+    if place + 8 > len(content):
+        raise _Damaged("cut short in the head of an element")
+    kind, size = struct.unpack_from(order + "II", content, place)
+    if kind >> 16:
+        # Up to four bytes are packed beside the type.
+        kind, size = kind & 0xFFFF, kind >> 16
+        if size > 4:
+            raise _Damaged("a packed element of more than four bytes")
+        start, following = place + 4, place + 8
+    else:
+        start = place + 8
+        following = start + size if kind == _COMPRESSED else start + size + -size % 8
+    if start + size > len(content):
+        raise _Damaged("cut short in the body of an element")
+    return kind, content[start : start + size], following
+
+
+def _unfolded(body: memoryview) -> bytes:
+    try:
+        machine = zlib.decompressobj()
+        content = machine.decompress(body, LARGEST_FILE)
+    except zlib.error as error:
+        raise _Damaged("a compressed variable does not unfold") from error
+    if not machine.eof:
+        raise _Damaged("a compressed variable is cut short or too large")
+    return content
+
+
+def _matrix(content: memoryview, order: str, depth: int) -> None:
+    if depth > _DEEPEST:
+        raise _Damaged("structures nested too deeply")
+    if not content:
+        return  # an empty field
+    parts: list[tuple[int, memoryview]] = []
+    place = 0
+    while place < len(content):
+        kind, body, place = _element(content, place, order)
+        if kind == _MATRIX:
+            _matrix(body, order, depth + 1)
+        elif kind not in _PLAIN:
+            raise _Damaged(f"unknown data type {kind}")
+        parts.append((kind, body))
+    if len(parts) < 3 or len(parts[0][1]) != 8 or len(parts[1][1]) < 8:
+        raise _Damaged("a variable without shape or name")
+    _check_parts(parts, order)
+
+
+def _check_parts(parts: list[tuple[int, memoryview]], order: str) -> None:
+    """The number and kinds of the parts fit the class and the shape of the matrix."""
+    (flags,) = struct.unpack_from(order + "I", parts[0][1])
+    sizes = struct.unpack_from(f"{order}{len(parts[1][1]) // 4}i", parts[1][1])
+    if min(sizes) < 0:
+        raise _Damaged("a variable of negative size")
+    count = 1
+    for size in sizes:
+        count *= size
+    which, complex_, body = flags & 0xFF, bool(flags & 0x0800), parts[3:]
+    if which in _NUMBERS:
+        _all_plain(body, 2 if complex_ else 1)
+    elif which == _TEXT:
+        _all_plain(body, 1)
+    elif which == _SPARSE:
+        _all_plain(body, 4 if complex_ else 3)
+    elif which == _CELL:
+        _all_matrices(body, count)
+    elif which in (_STRUCTURE, _OBJECT):
+        head = 3 if which == _OBJECT else 2
+        if len(body) < head or any(kind == _MATRIX for kind, _ in body[:head]):
+            raise _Damaged("a structure without fields")
+        length = int.from_bytes(body[head - 2][1][:4], "little" if order == "<" else "big")
+        names = len(body[head - 1][1])
+        if length <= 0 or names % length:
+            raise _Damaged("a structure with damaged field names")
+        _all_matrices(body[head:], count * (names // length))
+    else:
+        # Function handles and class instances hold no signals; scipy's handling of them is not
+        # worth trusting with a file from elsewhere.
+        raise _Damaged(f"a variable of class {which}, which holds no plain data")
+
+
+def _all_plain(parts: list[tuple[int, memoryview]], number: int) -> None:
+    if len(parts) != number or any(kind == _MATRIX for kind, _ in parts):
+        raise _Damaged("a variable without its numbers")
+
+
+def _all_matrices(parts: list[tuple[int, memoryview]], number: int) -> None:
+    if len(parts) != number or any(kind != _MATRIX for kind, _ in parts):
+        raise _Damaged("a structure or cell without its contents")
