@@ -2,8 +2,8 @@
 
 from piezo_opt.identification.default import default_model
 from piezo_opt.identification.monitor import Progress
-from piezo_opt.identification.problem import Identification, Loss, Prior, Shape, Start
 from piezo_opt.identification.outcome import Ending, Evaluations, Outcome, Trace
+from piezo_opt.identification.problem import Identification, Loss, Prior, Shape, Start
 from piezo_opt.identification.result import Fit, StartResult
 from piezo_opt.identification.solve import solve
 from piezo_opt.identification.solvers.cma_es import CmaEs
@@ -15,7 +15,26 @@ from piezo_opt.identification.storage import load_fit, save_fit
 from piezo_opt.identification.transcription import SingleShooting
 
 __all__ = [
-    "CmaEs", "DifferentialEvolution", "Ending", "Evaluations", "Fit", "Identification", "LevenbergMarquardt", "Loss", "NelderMead", "Outcome",
-    "Prior", "Progress", "ScipyLeastSquares", "Shape", "SingleShooting", "Start", "StartResult", "Trace",
-    "default_model", "load_fit", "save_fit", "solve",
-]  # fmt: skip
+    "CmaEs",
+    "DifferentialEvolution",
+    "Ending",
+    "Evaluations",
+    "Fit",
+    "Identification",
+    "LevenbergMarquardt",
+    "Loss",
+    "NelderMead",
+    "Outcome",
+    "Prior",
+    "Progress",
+    "ScipyLeastSquares",
+    "Shape",
+    "SingleShooting",
+    "Start",
+    "StartResult",
+    "Trace",
+    "default_model",
+    "load_fit",
+    "save_fit",
+    "solve",
+]

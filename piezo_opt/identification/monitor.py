@@ -30,7 +30,7 @@ ProgressCallback = Callable[[Progress], None]
 
 @final
 class Monitor:
-    """Collects iterates and counts; remembers the best point, so that an interrupt loses nothing."""
+    """Collects iterates and counts; remembers the best point, so an interrupt loses nothing."""
 
     def __init__(self, names: tuple[str, ...], callback: ProgressCallback | None = None) -> None:
         self._names = names

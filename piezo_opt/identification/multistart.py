@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from piezo_opt.errors import InputError
 from piezo_opt.identification.monitor import Monitor
-from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.outcome import Ending
+from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.result import StartResult
 from piezo_opt.identification.transcription import Transcription
 from piezo_opt.identification.unknowns import Unknowns
@@ -175,9 +175,7 @@ def _each(
             future.cancel()
 
 
-def _fingerprint(
-    question: Identification, unknown: Unknowns, centre: FloatArray, seed: int
-) -> str:
+def _fingerprint(question: Identification, unknown: Unknowns, centre: FloatArray, seed: int) -> str:
     """What must be the same for a log to be gone on with."""
     digest = hashlib.sha256()
     digest.update(json.dumps(question.model.to_dict(), sort_keys=True).encode())

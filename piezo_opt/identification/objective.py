@@ -72,9 +72,7 @@ class Objective:
         ]  # fmt: skip
         self.counted = [r.counted for r in records]
         self.samples = int(sum(c.sum() for c in self.counted))
-        self._priors = [
-            (k, m.prior) for k, m in enumerate(unknowns.members) if m.prior is not None
-        ]
+        self._priors = [(k, m.prior) for k, m in enumerate(unknowns.members) if m.prior is not None]
 
     @property
     def accuracy(self) -> tuple[Accuracy, ...]:

@@ -130,7 +130,9 @@ class Identification:
             object.__setattr__(self, mapping, given)
         for name, (low, high) in self.bounds.items():
             if not low < high:
-                raise InputError(f"bounds of '{name}': {low} is not below {high}; give (low, high).")
+                raise InputError(
+                    f"bounds of '{name}': {low} is not below {high}; give (low, high)."
+                )
         if self.priors and self.noise is None:
             raise InputError(
                 "Priors weigh against the noise of the reading: give noise=... in metres "
@@ -138,9 +140,7 @@ class Identification:
             )
         if self.noise is not None and not self.noise > 0:
             raise InputError(f"noise is {self.noise}; give a positive length in metres.")
-        if self.weights and (
-            len(self.weights) != len(campaign.records) or min(self.weights) <= 0
-        ):
+        if self.weights and (len(self.weights) != len(campaign.records) or min(self.weights) <= 0):
             raise InputError(
                 f"weights {self.weights}: give one positive number for each of the "
                 f"{len(campaign.records)} records."
@@ -155,7 +155,9 @@ class Identification:
 
     def _number(self, name: str, value: float | str) -> float:
         declared = self.model.parameters.get(plain(name))
-        return quantity(value, declared.unit) if declared and isinstance(value, str) else float(value)
+        if declared is not None and isinstance(value, str):
+            return quantity(value, declared.unit)
+        return float(value)
 
     @property
     def campaign(self) -> Campaign:
@@ -187,7 +189,9 @@ class Identification:
             per_record=tuple(k for k in self.per_record if kept(k)),
         )
 
-    def with_records(self, records: Campaign | Measurement | Iterable[Measurement]) -> Identification:
+    def with_records(
+        self, records: Campaign | Measurement | Iterable[Measurement]
+    ) -> Identification:
         """The same question to other records."""
         return replace(self, records=records, weights=())
 

@@ -115,10 +115,7 @@ class Fit:
     def fit_percent(self) -> float:
         """``100 (1 - |y - yhat| / |y - mean y|)`` over all records."""
         spread = np.concatenate(
-            [
-                r.position[r.counted] - r.position[r.counted].mean()
-                for r in self.records
-            ]
+            [r.position[r.counted] - r.position[r.counted].mean() for r in self.records]
         )
         return float(100.0 * (1.0 - np.linalg.norm(self.residuals) / np.linalg.norm(spread)))
 
@@ -162,9 +159,7 @@ class Fit:
         free = {n for n, p in self.model.parameters.items() if p.per_record}
         free |= {plain(n) for n in self.question.per_record}
         shared = {
-            n: self.values[n]
-            for n in self.model.parameters
-            if n not in free and n in self.values
+            n: self.values[n] for n in self.model.parameters if n not in free and n in self.values
         }
         question = Identification(
             self.model, record, fixed=shared, start=self.question.start,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -146,20 +145,3 @@ def state_sizes(parts: tuple[Chain, ...], units: tuple[str, ...], stroke: float)
     least = np.array([1e-3 * stroke if unit == "m" else 0.0 for unit in units])
     sizes = np.maximum(top, least)
     return np.where(sizes > 0, sizes, 1.0)
-
-
-def columns_of(segment: Segment) -> FloatArray:
-    """What a sub-step needs to know, one row a quantity: h, t, u, u', channels, their slopes."""
-    return np.vstack(
-        [
-            segment.length, segment.time, segment.drive, segment.slope,
-            segment.channels.T, segment.channel_slopes.T,
-        ]
-    )  # fmt: skip
-
-
-def split(row: ca.SX, channels: int) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-    """The quantities of :func:`columns_of` from one column of symbols."""
-    return (
-        row[0], row[1], row[2], row[3], row[4 : 4 + channels], row[4 + channels : 4 + 2 * channels],
-    )  # fmt: skip

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from piezo_opt.identification.monitor import Monitor, ProgressCallback
 from piezo_opt.identification.multistart import run_starts
 from piezo_opt.identification.objective import Objective
-from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.outcome import Ending, Outcome
+from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.result import Fit
 from piezo_opt.identification.solvers.base import Solution
 from piezo_opt.identification.starting import starting_values
@@ -111,9 +111,7 @@ def _finish(
         scaled = weighted.jacobian * scale
         known = uncertainty(weighted.residual, scaled, free, objective.samples)
         covariance, coloured = known.covariance * np.outer(scale, scale), known.coloured
-        blind = blind_spots(
-            unknown.names, theta, scale, weighted.residual, weighted.jacobian, free
-        )
+        blind = blind_spots(unknown.names, theta, scale, weighted.residual, weighted.jacobian, free)
     readings = tuple(objective.readings(theta))
     fit = Fit(
         question=question,
@@ -134,9 +132,7 @@ def _finish(
         solver=getattr(solver, "name", "levenberg_marquardt" if solver is None else "?"),
         transcription=transcription.name,
     )
-    return replace(
-        fit, outcome=_outcome(solution, fit), remarks=_remarks(question, unknown, theta, fit)
-    )
+    return replace(fit, outcome=_outcome(solution, fit), remarks=_remarks(question, fit))
 
 
 def _at_bound(unknown: Unknowns, theta: FloatArray, gradient: FloatArray) -> tuple[str, ...]:
@@ -173,9 +169,7 @@ def _outcome(solution: Solution, fit: Fit) -> Outcome:
     return Outcome(solution.ending, sentence)
 
 
-def _remarks(
-    question: Identification, unknown: Unknowns, theta: FloatArray, fit: Fit
-) -> tuple[str, ...]:
+def _remarks(question: Identification, fit: Fit) -> tuple[str, ...]:
     remarks: list[str] = []
     for record in question.campaign.records:
         remarks += [f"{record.name}: {sentence}" for sentence in record.remarks]

@@ -15,14 +15,13 @@ from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
-from piezo_opt.effects.base import Parameter
 from piezo_opt.effects.model import Model
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.problem import Identification
-from piezo_opt.identification.unknowns import Unknowns, limits, theta_of, unknowns
+from piezo_opt.identification.shapes import resonances, shape_grid
+from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
 from piezo_opt.measurement import Measurement
 from piezo_opt.values import Values
 
@@ -80,8 +79,10 @@ def starting_values(question: Identification, monitor: Monitor) -> Values:
 
     # Gains that the drive multiplies are no longer gains of a line once there is a loop.
     for name in declared:
-        if name.endswith(".alpha") and name.split(".")[0] == (model.loop or "") and (
-            name not in settled
+        if (
+            name.endswith(".alpha")
+            and name.split(".")[0] == (model.loop or "")
+            and (name not in settled)
         ):
             start[name] = 0.2 * gain
     structural = Model(tuple((n, e) for n, e in model.named if e.structural))
@@ -213,69 +214,13 @@ def _scan_resonance(
     candidates: list[float],
 ) -> dict[str, float]:
     best_cost, best = np.inf, dict(start)
-    objective_low, objective_high = -np.inf, np.inf
     for omega in candidates:
         for zeta in _DAMPINGS if dampings else (0.0,):
             trial = {**start, name: omega, **dict.fromkeys(dampings, zeta)}
             cost, found = search.trial(trial)
-            if cost < best_cost and objective_low < omega < objective_high:
+            if cost < best_cost:
                 best_cost, best = cost, found
     return best
-
-
-def resonances(record: Measurement, residual: FloatArray) -> list[float]:
-    """Candidates for a natural frequency [rad/s], likeliest first.
-
-    Peaks of the response (cross spectrum over drive spectrum) and of what a quasi-static model
-    leaves over (ringing after steps), completed by a coarse logarithmic grid.
-    """
-    if record.uniform:
-        y, u, v, step = record.position, record.drive, residual, record.step
-    else:
-        n = len(record)
-        grid = np.linspace(record.time[0], record.time[-1], n)
-        y, u, v = (np.interp(grid, record.time, s) for s in (record.position, record.drive, residual))
-        step = record.duration / (n - 1)
-    found: list[float] = []
-    n = y.size
-    if n >= 64:
-        length = min(n, max(64, n // 4))
-        f, cross = signal.csd(u, y, fs=1.0 / step, nperseg=length, detrend="linear")
-        _, power = signal.welch(u, fs=1.0 / step, nperseg=length, detrend="linear")
-        _, spectrum = signal.welch(y, fs=1.0 / step, nperseg=length, detrend="linear")
-        with np.errstate(divide="ignore", invalid="ignore"):
-            coherence = np.abs(cross) ** 2 / (power * spectrum)
-            response = np.where(
-                (coherence > 0.5) & (power > 1e-8 * power.max()), np.abs(cross) / power, 0.0
-            )
-        found += _peaks(f, np.nan_to_num(response), 2)
-        f2, left = signal.welch(np.diff(v), fs=1.0 / step, nperseg=min(n - 1, length))
-        found += _peaks(f2, left, 2)
-    top = 0.8 * np.pi / step
-    bottom = 2.0 * np.pi * 3.0 / record.duration
-    if bottom < top:
-        found += np.geomspace(bottom, top, 5)[1:].tolist()
-    kept: list[float] = []
-    for omega in found:
-        if bottom < omega < 0.9 * np.pi / step and all(
-            abs(np.log(omega / other)) > 0.03 for other in kept
-        ):
-            kept.append(float(omega))
-    return kept
-
-
-def _peaks(f: FloatArray, height: FloatArray, count: int) -> list[float]:
-    """The highest interior maxima, refined by a parabola, as rad/s."""
-    inside = np.flatnonzero((height[1:-1] > height[:-2]) & (height[1:-1] >= height[2:])) + 1
-    inside = inside[f[inside] > 0]
-    order = inside[np.argsort(height[inside])[::-1][:count]]
-    peaks = []
-    for i in order:
-        a, b, c = height[i - 1], height[i], height[i + 1]
-        bend = a - 2 * b + c
-        shift = 0.5 * (a - c) / bend if bend else 0.0
-        peaks.append(2.0 * np.pi * float(f[i] + shift * (f[1] - f[0])))
-    return peaks
 
 
 def _scan_gate(
@@ -286,48 +231,25 @@ def _scan_gate(
     gate = model.gates[effect]
     present = [n for n, e in model.named if e.structural or n == effect]
     lone = Model(tuple((n, e) for n, e in model.named if n in present))
-    shapes = [
-        f"{effect}.{k}" for k, p in model[effect].parameters.items()
-        if f"{effect}.{k}" != gate and not p.fixed and f"{effect}.{k}" not in question.values
-        and f"{effect}.{k}" not in question.fixed
-    ]  # fmt: skip
     search = _Search(_light(question.with_model(lone)), monitor)
     null = lone.parameters[gate].null
     begin = {**start, gate: float(null if null is not None else 0.0)}
+    record = question.campaign.records[0]
+    settled = {
+        n.removeprefix(f"{effect}.") for n in (*question.values, *question.fixed)
+        if n.startswith(f"{effect}.")
+    }  # fmt: skip
+    residual = search.misfit(begin)
     best_cost, best = search.trial(begin, (gate,))
-    for shape in shapes[:1]:
-        parameter = model.parameters[shape]
-        for value in _grid(_reach(parameter, question.campaign.records[0]), 4):
-            cost, found = search.trial({**begin, shape: value}, (gate,))
-            if cost < best_cost:
-                best_cost, best = cost, found
-    own = {k: v for k, v in best.items() if k.startswith(f"{effect}.")}
+    for shapes in shape_grid(model[effect], record, residual, settled):
+        trial = {**begin, **{f"{effect}.{k}": v for k, v in shapes.items()}}
+        cost, found = search.trial(trial, (gate,))
+        if cost < best_cost:
+            best_cost, best = cost, found
+    found = {k: v for k, v in best.items() if k.startswith(f"{effect}.")}
     # A gate that did not move would leave its shapes without any effect to be fitted by.
     parameter = lone.parameters[gate]
-    if own.get(gate) == parameter.null:
+    if found.get(gate) == parameter.null:
         typical = parameter.typical or parameter.bounds
-        own[gate] = 0.01 * (typical[0] + typical[1]) * 0.5
-    return own
-
-
-def _reach(parameter: Parameter, record: Measurement) -> tuple[float, float]:
-    """Range to search a shape over: its size against the record's, where its unit has one."""
-    if parameter.unit == "1/m":
-        stroke = float(np.ptp(record.position)) or 1.0
-        return 0.3 / stroke, 30.0 / stroke
-    if parameter.unit == "1/V":
-        swing = float(np.ptp(record.drive)) or 1.0
-        return 0.3 / swing, 30.0 / swing
-    low, high = parameter.typical or parameter.bounds
-    narrow_low, narrow_high = limits(parameter, (record,))
-    clipped = max(low, narrow_low), min(high, narrow_high)
-    return clipped if clipped[0] < clipped[1] else (narrow_low, narrow_high)
-
-
-def _grid(span: tuple[float, float], count: int) -> list[float]:
-    low, high = span
-    if low > 0 and np.isfinite(high):
-        return np.geomspace(low, high, count).tolist()
-    if np.isfinite(low) and np.isfinite(high):
-        return np.linspace(low, high, count).tolist()
-    return []
+        found[gate] = 0.01 * (typical[0] + typical[1]) * 0.5
+    return found

@@ -76,9 +76,7 @@ def load_fit(path: str | os.PathLike[str], *, model: Model | None = None) -> Fit
     try:
         with h5py.File(path, "r") as file:
             if "fit" not in file or file["fit"].attrs.get("schema") != _SCHEMA:
-                raise InputError(
-                    f"{path}: holds records but no fit; write one with fit.save(...)."
-                )
+                raise InputError(f"{path}: holds records but no fit; write one with fit.save(...).")
             group = file["fit"]
             asked = json.loads(group.attrs["question"])
             told = json.loads(group.attrs["result"])

@@ -164,15 +164,11 @@ def unknowns(question: Identification, start: Values) -> Unknowns:
                 continue
             low, high = question.bounds.get(full, (-reach, reach))
             prior = question.priors.get(full)
-            members.append(
-                Unknown(full, local, index if several else None, size, low, high, prior)
-            )
+            members.append(Unknown(full, local, index if several else None, size, low, high, prior))
     return Unknowns(tuple(members), Values(kept), len(records))
 
 
-def _memories(
-    question: Identification, record: Measurement
-) -> list[tuple[str, float, float]]:
+def _memories(question: Identification, record: Measurement) -> list[tuple[str, float, float]]:
     """States that may start away from rest, with a size and the farthest start."""
     stroke = float(np.ptp(record.position)) or 1.0
     found: list[tuple[str, float, float]] = []

@@ -1,0 +1,136 @@
+"""Where to look for the shape parameters of an effect: a small grid scaled by the record.
+
+A gate at its null hides its shapes, so they cannot be found by following a gradient from there;
+they are tried out. Which values make sense follows from the unit and the record: a time between
+the sampling step and the duration, a voltage within the drive's range, a frequency where the
+residual has a peak.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from piezo_opt.effects.base import Effect, Parameter
+from piezo_opt.identification.unknowns import limits
+from piezo_opt.measurement import Measurement
+
+FloatArray = NDArray[np.float64]
+
+_MOST = 24
+"""Grid points an effect may have."""
+
+
+def shape_grid(
+    effect: Effect,
+    record: Measurement,
+    residual: FloatArray,
+    settled: Collection[str] = (),
+) -> list[dict[str, float]]:
+    """Trial values of an effect's shapes, by own parameter name; the nominal ones first.
+
+    Args:
+        effect: the effect; its gate and fixed parameters are left alone.
+        record: what the grid is scaled by.
+        residual: (N,) measured minus modelled [m]; its peaks are candidates for frequencies.
+        settled: own parameters that the user has given.
+    """
+    axes: dict[str, list[float]] = {}
+    for name, parameter in effect.parameters.items():
+        if name == effect.gate or parameter.fixed or name in settled:
+            continue
+        values = _values(parameter, record, residual)
+        low, high = limits(parameter, (record,))
+        inside = [v for v in values if low <= v <= high]
+        axes[name] = inside or [float(np.clip(parameter.nominal, low, high))]
+    while np.prod([len(v) for v in axes.values()]) > _MOST:
+        longest = max(axes, key=lambda n: (len(axes[n]), n))
+        axes[longest] = axes[longest][::2]
+    return [dict(zip(axes, point, strict=True)) for point in product(*axes.values())]
+
+
+def _values(parameter: Parameter, record: Measurement, residual: FloatArray) -> list[float]:
+    stroke = float(np.ptp(record.position)) or 1.0
+    top = float(np.abs(record.drive).max()) or 1.0
+    swing = float(np.ptp(record.drive)) or 1.0
+    unit = parameter.unit
+    if unit == "s":
+        return np.geomspace(0.3 * record.step, 0.3 * record.duration, 7).tolist()
+    if unit == "V":
+        return [0.02 * top, 0.1 * top, 0.3 * top, 0.6 * top, 0.8 * top, 0.92 * top]
+    if unit == "V/s":
+        speed = np.abs(np.diff(record.drive) / np.diff(record.time))
+        return np.unique(np.quantile(speed[speed > 0], [0.3, 0.6, 0.9, 0.99])).tolist()
+    if unit == "m":
+        return (stroke * np.geomspace(0.003, 0.3, 4)).tolist()
+    if unit == "1/m":
+        return (np.geomspace(0.3, 30.0, 4) / stroke).tolist()
+    if unit == "1/V":
+        return (np.geomspace(0.3, 30.0, 4) / swing).tolist()
+    if unit == "rad/s":
+        return resonances(record, residual)
+    if unit == "rad":
+        return [0.0, 0.25 * np.pi, 0.5 * np.pi, 0.75 * np.pi]
+    return [parameter.nominal]
+
+
+def resonances(record: Measurement, residual: FloatArray) -> list[float]:
+    """Candidates for a natural frequency [rad/s], likeliest first.
+
+    Peaks of the response (cross spectrum over drive spectrum) and of what a model leaves over
+    (ringing after steps), completed by a coarse logarithmic grid.
+    """
+    y, u, v, step = record.position, record.drive, residual, record.step
+    if not record.uniform:
+        grid = np.linspace(record.time[0], record.time[-1], len(record))
+        y, u, v = (np.interp(grid, record.time, s) for s in (y, u, v))
+        step = record.duration / (len(record) - 1)
+    found: list[float] = []
+    n = y.size
+    if n >= 64:
+        length = min(n, max(64, n // 4))
+        f, cross = signal.csd(u, y, fs=1.0 / step, nperseg=length, detrend="linear")
+        _, power = signal.welch(u, fs=1.0 / step, nperseg=length, detrend="linear")
+        _, spectrum = signal.welch(y, fs=1.0 / step, nperseg=length, detrend="linear")
+        with np.errstate(divide="ignore", invalid="ignore"):
+            coherence = np.abs(cross) ** 2 / (power * spectrum)
+            response = np.where(
+                (coherence > 0.5) & (power > 1e-8 * power.max()), np.abs(cross) / power, 0.0
+            )
+        found += _peaks(f, np.nan_to_num(response), 2)
+        f2, left = signal.welch(np.diff(v), fs=1.0 / step, nperseg=min(n - 1, length))
+        found += _peaks(f2, left, 2)
+    top = 0.8 * np.pi / step
+    bottom = 2.0 * np.pi * 3.0 / record.duration
+    if bottom < top:
+        found += np.geomspace(bottom, top, 5)[1:].tolist()
+    kept: list[float] = []
+    for omega in found:
+        apart = all(abs(np.log(omega / other)) > 0.03 for other in kept)
+        if bottom < omega < 0.9 * np.pi / step and apart:
+            kept.append(float(omega))
+    return kept
+
+
+def _peaks(f: FloatArray, height: FloatArray, count: int) -> list[float]:
+    """The highest interior maxima, refined by a parabola, as rad/s."""
+    inside = np.flatnonzero((height[1:-1] > height[:-2]) & (height[1:-1] >= height[2:])) + 1
+    inside = inside[f[inside] > 0]
+    order = inside[np.argsort(height[inside])[::-1][:count]]
+    peaks = []
+    for i in order:
+        a, b, c = height[i - 1], height[i], height[i + 1]
+        bend = a - 2 * b + c
+        shift = 0.5 * (a - c) / bend if bend else 0.0
+        peaks.append(2.0 * np.pi * float(f[i] + shift * (f[1] - f[0])))
+    return peaks
+
+
+def own(values: Mapping[str, float], effect: str) -> dict[str, float]:
+    """The values of one effect by its own parameter names."""
+    head = f"{effect}."
+    return {k.removeprefix(head): v for k, v in values.items() if k.startswith(head)}
