@@ -263,12 +263,13 @@ class TestResample:
 
     def test_downwards_keeps_what_the_new_rate_carries_and_removes_what_aliases(self) -> None:
         time = np.arange(4000) / 1000
-        slow, fast = np.sin(2 * np.pi * 3 * time), np.sin(2 * np.pi * 95 * time)
+        slow = np.sin(2 * np.pi * 3 * time)
+        fast = np.sin(2 * np.pi * 95 * time) + np.sin(2 * np.pi * 56 * time)
         record = sine(time=time, drive=slow + 1.0, position=slow + fast, count=4000)
         low = record.resample(rate="100 Hz")
         inner = slice(40, -40)
         expected = np.sin(2 * np.pi * 3 * low.time)
-        # Plain decimation would fold 95 Hz to 5 Hz with amplitude 1.
+        # Plain decimation would fold 95 Hz to 5 Hz and 56 Hz to 44 Hz with amplitude 1.
         assert np.max(np.abs(low.position - expected)[inner]) < 2e-3
         assert np.max(np.abs(low.drive - 1.0 - expected)[inner]) < 2e-3
 
@@ -315,6 +316,12 @@ class TestPeriods:
         assert record.repeated_periods().shape == (40, 100)
         # 3900 degrees of freedom: standard error 1.1 %.
         assert record.noise_from_periods() == pytest.approx(2e-8, rel=0.04)
+
+    def test_two_periods_do_not_make_the_noise_look_smaller(self) -> None:
+        noise = np.random.default_rng(4).normal(scale=2e-8, size=20000)
+        clean = sine(count=20000, rate=10000.0)
+        record = clean.with_(position=clean.position + noise, period=1.0)
+        assert record.noise_from_periods() == pytest.approx(2e-8, rel=0.03)
 
     def test_the_start_up_is_left_out(self) -> None:
         record = sine(count=450, startup=1.25, period=1.0)

@@ -280,6 +280,17 @@ class TestWriting:
         assert file.read_text() == "precious"
         assert [one.name for one in tmp_path.iterdir()] == ["a.csv"]
 
+    def test_a_file_made_meanwhile_by_another_process_is_kept(self, tmp_path: Path) -> None:
+        file = tmp_path / "a.csv"
+        with (
+            pytest.raises(InputError, match="exists already"),
+            files.replacing(file, overwrite=False) as temporary,
+        ):
+            temporary.write_text("ours")
+            file.write_text("theirs")
+        assert file.read_text() == "theirs"
+        assert [one.name for one in tmp_path.iterdir()] == ["a.csv"]
+
     def test_where_and_what_cannot_be_written(self, tmp_path: Path) -> None:
         record = self.record()
         for target, says in (
