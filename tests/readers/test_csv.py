@@ -282,12 +282,14 @@ class TestWriting:
 
     def test_a_file_made_meanwhile_by_another_process_is_kept(self, tmp_path: Path) -> None:
         file = tmp_path / "a.csv"
-        with (
-            pytest.raises(InputError, match="exists already"),
-            files.replacing(file, overwrite=False) as temporary,
-        ):
-            temporary.write_text("ours")
-            file.write_text("theirs")
+
+        def both() -> None:
+            with files.replacing(file, overwrite=False) as temporary:
+                temporary.write_text("ours")
+                file.write_text("theirs")
+
+        with pytest.raises(InputError, match="exists already"):
+            both()
         assert file.read_text() == "theirs"
         assert [one.name for one in tmp_path.iterdir()] == ["a.csv"]
 
