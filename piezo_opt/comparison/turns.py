@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from piezo_opt.measurement import FloatArray
@@ -75,18 +76,25 @@ def rests(drive: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
     A rest has 8 samples or more within 1 % of the drive's range, and the drive moved by 5 % of
     the range or more since the rest before.
     """
+    if drive.size < _LONG:
+        nothing = np.zeros(0, dtype=np.int64)
+        return nothing, nothing, np.zeros(0)
     spread = float(np.ptp(drive))
-    # A sample is still when the drive hardly changes to the next; slow ramps are told apart
-    # below by how far they drift from the first sample of the run.
-    still = np.abs(np.diff(drive)) <= 0.25 * _STILL * spread
+    # White noise on a measured drive: its second differences have a deviation of sqrt(6) sigma.
+    noise = float(np.median(np.abs(np.diff(drive, 2)))) / (0.6745 * np.sqrt(6.0))
+    # On a fine ramp or a sine second differences are no noise, but then they are small.
+    tolerance = _STILL * spread + 6.0 * min(noise, _STILL * spread)
+    windows = sliding_window_view(drive, _LONG)
+    still = windows.max(axis=1) - windows.min(axis=1) <= tolerance
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
     first: list[int] = []
     last: list[int] = []
     sign: list[float] = []
     level = drive[0]
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        end = int(stop) + 1
-        if end - start < _LONG or np.ptp(drive[start:end]) > _STILL * spread:
+        end = int(stop) + _LONG - 1
+        # A slow ramp is still over any few samples, but not from its first to its last.
+        if np.ptp(drive[start:end]) > 1.5 * tolerance:
             continue
         moved = float(drive[start] - level)
         level = float(np.median(drive[start:end]))

@@ -1,0 +1,5 @@
+"""``python -m piezo_opt`` is the command ``piezo-opt``."""
+
+from piezo_opt.cli import main
+
+main()

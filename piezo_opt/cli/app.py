@@ -1,0 +1,78 @@
+"""The application: its commands, and what happens when one of them fails."""
+
+from __future__ import annotations
+
+from importlib.metadata import version as installed
+from typing import Annotated, Any, final
+
+import typer
+from typer.core import TyperGroup
+
+from piezo_opt.cli.compare import compare
+from piezo_opt.cli.demo import demo
+from piezo_opt.cli.fit import fit
+from piezo_opt.cli.report import report
+from piezo_opt.cli.simulate import simulate
+from piezo_opt.errors import PiezoOptError
+
+__all__ = ["app", "main"]
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+
+@final
+class _OneSentence(TyperGroup):
+    """Turns what a user did wrong into one sentence on stderr and exit code 2."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; an error of the user's is no reason for a traceback."""
+        try:
+            return super().invoke(ctx)
+        except PiezoOptError as error:
+            typer.echo(" ".join(str(error).split()), err=True)
+            raise typer.Exit(BAD_INPUT) from None
+        except MemoryError:
+            typer.echo("There is not enough memory: cut the record or thin it.", err=True)
+            raise typer.Exit(BAD_INPUT) from None
+        except KeyboardInterrupt:
+            typer.echo("Interrupted before there was a result.", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+
+
+app = typer.Typer(
+    cls=_OneSentence,
+    name="piezo-opt",
+    help="Identify piezoelectric actuators: read a record, fit the physics, see where it fails.",
+    epilog="Begin with: piezo-opt demo",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"piezo-opt {installed('piezo_opt')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_version, is_eager=True, help="Print the version."),
+    ] = False,
+) -> None:
+    pass
+
+
+for command in (demo, fit, simulate, compare, report):
+    app.command()(command)
+
+
+def main() -> None:
+    """Entry point of the command ``piezo-opt``."""
+    app()

@@ -1,0 +1,76 @@
+"""``piezo-opt compare``: several models on the same record, or on one that none has seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from piezo_opt.cli import options as o
+from piezo_opt.cli import outputs
+from piezo_opt.cli.choices import TranscriptionName
+from piezo_opt.cli.inputs import DEFAULT, Reading, asked, parted
+from piezo_opt.cli.solving import Solving, leave
+from piezo_opt.comparison import compare as side_by_side
+from piezo_opt.errors import InputError
+
+
+def compare(
+    records: o.Records,
+    model: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="MODEL.toml", help="Model file, JSON of a fit, or 'default'; repeat for more."
+        ),
+    ] = None,
+    test: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="RECORD", help="Record to compare on, which no model is fitted to."),
+    ] = None,
+    json: o.Json = None,
+    report: o.Page = None,
+    time: o.Time = None,
+    drive: o.Drive = None,
+    position: o.Position = None,
+    record: o.RecordName = None,
+    between: o.BetweenSamples = None,
+    period: o.Period = None,
+    startup: o.Startup = None,
+    split: o.Split = None,
+    start: o.StartState = None,
+    solver: o.Solver = None,
+    transcription: o.Transcription = TranscriptionName.SINGLE,
+    overwrite: o.Overwrite = False,
+) -> None:
+    """Fit several models and put their errors side by side.
+
+    \b
+    Examples:
+      piezo-opt compare loop.csv --model plain.toml --model creep.toml
+      piezo-opt compare loop.csv --model plain.toml --model creep.toml --test other.csv
+      piezo-opt compare loop.csv --model default --split "40 s" --report compare.html
+    """
+    if test and split is not None:
+        raise InputError("--test and --split both say what to compare on: give one of them")
+    outputs.check({"--json": json, "--report": report}, overwrite=overwrite)
+    reading = Reading(time, drive, position, record, between, period, startup)
+    train, held_out = parted(reading.records(records), split)
+    if test:
+        held_out = reading.records(test)
+    chosen = model or [DEFAULT]
+    # All files are read before the first fit: a typing error in the last one costs no waiting.
+    questions = [asked(one, train, start) for one in chosen]
+    how = Solving(solver, transcription)
+    fits = []
+    for name, (question, remarks) in zip(chosen, questions, strict=True):
+        fits.append(how.fit(question, remarks, name))
+        leave(fits[-1])
+    comparison = side_by_side(*fits, on=held_out)
+    if json is not None:
+        outputs.write_json(json, comparison.to_dict(), overwrite=overwrite)
+    if report is not None:
+        from piezo_opt.report import write_report
+
+        write_report(report, comparison, *fits, overwrite=overwrite)
+    typer.echo(str(comparison))

@@ -1,0 +1,29 @@
+"""``piezo-opt demo``: the main job on the record that ships with the package."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from piezo_opt.demo import PAGE, run
+
+
+def demo(
+    out: Annotated[
+        Path,
+        typer.Option(metavar="DIR|OUT.html", help=f"Where to write; a folder gets {PAGE}."),
+    ] = Path(),
+) -> None:
+    """Fit the thesis' measured loop, say where the fit fails, and write a page with pictures.
+
+    The page of an earlier demo is replaced; no other file is.
+
+    \b
+    Examples:
+      piezo-opt demo
+      piezo-opt demo --out /tmp
+    """
+    done = run(out)
+    typer.echo(str(done))

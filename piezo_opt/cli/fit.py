@@ -1,0 +1,66 @@
+"""``piezo-opt fit``: records in, values with their uncertainty out."""
+
+from __future__ import annotations
+
+import typer
+
+from piezo_opt.cli import options as o
+from piezo_opt.cli import outputs
+from piezo_opt.cli.choices import TranscriptionName
+from piezo_opt.cli.inputs import DEFAULT, Reading, asked, parted
+from piezo_opt.cli.solving import Solving, leave
+from piezo_opt.comparison import compare
+
+
+def fit(
+    records: o.Records,
+    model: o.ModelPath = DEFAULT,
+    json: o.Json = None,
+    report: o.Page = None,
+    time: o.Time = None,
+    drive: o.Drive = None,
+    position: o.Position = None,
+    record: o.RecordName = None,
+    between: o.BetweenSamples = None,
+    period: o.Period = None,
+    startup: o.Startup = None,
+    split: o.Split = None,
+    start: o.StartState = None,
+    solver: o.Solver = None,
+    transcription: o.Transcription = TranscriptionName.SINGLE,
+    starts: o.Starts = 1,
+    seed: o.Seed = 0,
+    log: o.Log = None,
+    workers: o.Workers = 1,
+    overwrite: o.Overwrite = False,
+    quiet: o.Quiet = False,
+) -> None:
+    """Fit a model to one or several records and see where it fails.
+
+    \b
+    Examples:
+      piezo-opt fit loop.csv --json fit.json --report fit.html
+      piezo-opt fit loop.csv --model creep.toml --split "40 s"
+      piezo-opt fit sweep.csv --drive "u [V]" --position "y [nm]" --starts 20 --workers 2
+
+    A CSV file has a header with units: time [s],voltage [V],displacement [um].
+    Ctrl-C prints the best so far and exits with 130.
+    """
+    outputs.check({"--json": json, "--report": report}, overwrite=overwrite)
+    reading = Reading(time, drive, position, record, between, period, startup)
+    train, test = parted(reading.records(records), split)
+    question, remarks = asked(model, train, start)
+    answer = Solving(solver, transcription, starts, seed, log, workers).fit(question, remarks)
+    comparison = compare(answer, on=test)
+    if json is not None:
+        data = answer.to_dict()
+        if test is not None:
+            data["held_out"] = comparison.to_dict()
+        outputs.write_json(json, data, overwrite=overwrite)
+    if report is not None:
+        from piezo_opt.report import write_report
+
+        results = (answer,) if test is None else (answer, comparison)
+        write_report(report, *results, overwrite=overwrite)
+    typer.echo(answer.outcome.sentence if quiet else f"{answer}\n\n{comparison}")
+    leave(answer)

@@ -1,0 +1,82 @@
+"""Options that several commands share, declared once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import typer
+
+from piezo_opt.cli.choices import SolverName, TranscriptionName
+from piezo_opt.identification import Start
+from piezo_opt.measurement import Between
+
+Records: TypeAlias = Annotated[
+    list[Path], typer.Argument(help="Record files: .csv, .h5 or .mat.", show_default=False)
+]
+Record: TypeAlias = Annotated[
+    Path, typer.Argument(help="Record file: .csv, .h5 or .mat.", show_default=False)
+]
+ModelPath: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        "--model",
+        metavar="MODEL.toml",
+        help="Model file, JSON of an earlier fit, or 'default': what the record can see.",
+    ),
+]
+Time: TypeAlias = Annotated[str | None, typer.Option(metavar="COL", help="Column of time.")]
+Drive: TypeAlias = Annotated[
+    str | None,
+    typer.Option(metavar="COL", help="Column of the drive, 'u [V]'."),
+]
+Position: TypeAlias = Annotated[
+    str | None,
+    typer.Option(metavar="COL", help="Column of the position, 'y [um]'."),
+]
+RecordName: TypeAlias = Annotated[
+    str | None,
+    typer.Option("--record", metavar="NAME", help="Which of several records in an HDF5 file."),
+]
+BetweenSamples: TypeAlias = Annotated[
+    Between | None, typer.Option(help="How the drive moves between samples.")
+]
+Period: TypeAlias = Annotated[
+    str | None, typer.Option(metavar="'0.2 s'", help="Period of a steady state that repeats.")
+]
+Startup: TypeAlias = Annotated[
+    str | None, typer.Option(metavar="'40 ms'", help="Beginning that errors are not counted on.")
+]
+Split: TypeAlias = Annotated[
+    str | None,
+    typer.Option(metavar="'40 s'", help="Fit before this instant, test after it."),
+]
+StartState: TypeAlias = Annotated[
+    Start | None,
+    typer.Option(help="States at the beginning; by default free, periodic with a period."),
+]
+Solver: TypeAlias = Annotated[
+    SolverName | None, typer.Option(help="By default what suits the transcription.")
+]
+Transcription: TypeAlias = Annotated[
+    TranscriptionName, typer.Option(help="How the question becomes a program.")
+]
+Starts: TypeAlias = Annotated[
+    int, typer.Option(min=1, metavar="N", help="Number of starts, the automatic one first.")
+]
+Seed: TypeAlias = Annotated[int, typer.Option(min=0, help="Of the random starts.")]
+Log: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE.h5", help="Keeps finished starts; a second run goes on from it."),
+]
+Workers: TypeAlias = Annotated[
+    int, typer.Option(min=1, metavar="N", help="Processes that share the starts.")
+]
+Json: TypeAlias = Annotated[
+    Path | None, typer.Option("--json", metavar="OUT.json", help="Write the result in SI units.")
+]
+Page: TypeAlias = Annotated[
+    Path | None, typer.Option("--report", metavar="OUT.html", help="Write a page with pictures.")
+]
+Overwrite: TypeAlias = Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")]
+Quiet: TypeAlias = Annotated[bool, typer.Option("--quiet", "-q", help="Print the outcome only.")]

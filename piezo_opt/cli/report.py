@@ -1,0 +1,57 @@
+"""``piezo-opt report``: fit and write the page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from piezo_opt.cli import options as o
+from piezo_opt.cli import outputs
+from piezo_opt.cli.choices import TranscriptionName
+from piezo_opt.cli.inputs import DEFAULT, Reading, asked, parted
+from piezo_opt.cli.solving import Solving, leave
+from piezo_opt.comparison import compare
+
+
+def report(
+    records: o.Records,
+    out: Annotated[Path, typer.Option("--out", metavar="OUT.html", help="The page to write.")],
+    model: o.ModelPath = DEFAULT,
+    title: Annotated[str | None, typer.Option(help="Title of the page.")] = None,
+    time: o.Time = None,
+    drive: o.Drive = None,
+    position: o.Position = None,
+    record: o.RecordName = None,
+    between: o.BetweenSamples = None,
+    period: o.Period = None,
+    startup: o.Startup = None,
+    split: o.Split = None,
+    start: o.StartState = None,
+    solver: o.Solver = None,
+    transcription: o.Transcription = TranscriptionName.SINGLE,
+    starts: o.Starts = 1,
+    seed: o.Seed = 0,
+    log: o.Log = None,
+    workers: o.Workers = 1,
+    overwrite: o.Overwrite = False,
+) -> None:
+    """Fit a model and write one self-contained HTML page about it.
+
+    \b
+    Examples:
+      piezo-opt report loop.csv --out loop.html
+      piezo-opt report loop.csv --model creep.toml --split "40 s" --out creep.html
+    """
+    from piezo_opt.report import write_report
+
+    outputs.check({"--out": out}, overwrite=overwrite)
+    reading = Reading(time, drive, position, record, between, period, startup)
+    train, test = parted(reading.records(records), split)
+    question, remarks = asked(model, train, start)
+    answer = Solving(solver, transcription, starts, seed, log, workers).fit(question, remarks)
+    results = (answer,) if test is None else (answer, compare(answer, on=test))
+    write_report(out, *results, title=title, overwrite=overwrite)
+    typer.echo(f"{answer.outcome.sentence}\nReport: {out.resolve()}")
+    leave(answer)

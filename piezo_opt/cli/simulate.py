@@ -1,0 +1,76 @@
+"""``piezo-opt simulate``: what a model reads on the drive of a record."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from piezo_opt.cli import options as o
+from piezo_opt.cli import outputs
+from piezo_opt.cli.inputs import Reading, model_file
+from piezo_opt.comparison.metrics import fit_percent, rms
+from piezo_opt.readers import write
+from piezo_opt.simulation import Initial
+from piezo_opt.simulation import simulate as respond
+from piezo_opt.units import show
+
+
+class Beginning(Enum):
+    """Where a simulation begins."""
+
+    REST = "rest"
+    PERIODIC = "periodic"
+
+
+def simulate(
+    source: o.Record,
+    model: Annotated[
+        str, typer.Option(metavar="MODEL.toml", help="Model file, or the JSON of a fit.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="OUT.csv", help="Record to write: .csv or .h5.")],
+    time: o.Time = None,
+    drive: o.Drive = None,
+    position: o.Position = None,
+    record: o.RecordName = None,
+    between: o.BetweenSamples = None,
+    period: o.Period = None,
+    startup: o.Startup = None,
+    start: Annotated[
+        Beginning, typer.Option(help="States at the beginning, plus those the model file gives.")
+    ] = Beginning.REST,
+    overwrite: o.Overwrite = False,
+) -> None:
+    """Simulate a model on the drive of a record.
+
+    Values are those of the model file, nominal ones where it says nothing; OUT has the record's
+    time and drive, and the model's reading as displacement.
+
+    \b
+    Example:
+      piezo-opt simulate loop.csv --model fit.json --out simulated.csv
+    """
+    outputs.check({"--out": out}, overwrite=overwrite)
+    file = model_file(model)
+    reading = Reading(time, drive, position, record, between, period, startup)
+    measured = reading.single(source)
+    response = respond(
+        file.model, measured, file.numbers.of_record(0), initial=Initial(start.value)
+    )
+    answer = measured.with_(
+        position=response.reading,
+        name=f"{measured.name} simulated",
+        source=f"simulated with {Path(model).name}",
+        allow_saturated=True,
+    )
+    write(answer, out, overwrite=overwrite)
+    error = (measured.position - response.reading)[measured.counted]
+    percent = fit_percent(measured.position[measured.counted], error)
+    typer.echo(
+        f"{out}: {len(answer)} samples; measured minus simulated "
+        f"{show(rms(error), measured.position_unit)} rms, fit {percent:.2f} %, scheme error "
+        f"{show(response.accuracy.error, measured.position_unit)}"
+        f"{'' if response.compiled else ' (no C compiler: slower virtual machine)'}."
+    )

@@ -1,0 +1,87 @@
+"""One fit as the commands make it: choices by name, progress on a terminal, workers."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import final
+
+import typer
+from rich.console import Console
+
+from piezo_opt.cli import choices
+from piezo_opt.cli.choices import SolverName, TranscriptionName
+from piezo_opt.identification import Ending, Fit, Identification, Progress, solve
+from piezo_opt.units import show
+
+
+@final
+@dataclass(frozen=True)
+class Solving:
+    """How a question is solved."""
+
+    solver: SolverName | None = None
+    transcription: TranscriptionName = TranscriptionName.SINGLE
+    starts: int = 1
+    seed: int = 0
+    log: Path | None = None
+    workers: int = 1
+
+    def fit(self, question: Identification, remarks: tuple[str, ...], what: str = "Fit") -> Fit:
+        """Solve, showing how far it is on a terminal; the remarks join those of the fit."""
+        with _progress(what) as tell, _executor(self.workers) as executor:
+            answer = solve(
+                question,
+                transcription=choices.transcription(self.transcription),
+                solver=choices.solver(self.solver),
+                starts=self.starts,
+                seed=self.seed,
+                executor=executor,
+                log=self.log,
+                progress=tell,
+            )
+        return replace(answer, remarks=(*remarks, *answer.remarks))
+
+
+def exit_code(fit: Fit) -> int:
+    """0; 130 after an interrupt, as a shell expects."""
+    return 130 if fit.outcome.ending is Ending.INTERRUPTED else 0
+
+
+def leave(fit: Fit) -> None:
+    """End the command with the code that the fit's ending asks for."""
+    code = exit_code(fit)
+    if code:
+        raise typer.Exit(code)
+
+
+@contextmanager
+def _executor(workers: int) -> Iterator[Executor | None]:
+    if workers == 1:
+        yield None
+        return
+    # A forked child would share the threads of libraries that are already loaded.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        yield pool
+
+
+@contextmanager
+def _progress(what: str) -> Iterator[Callable[[Progress], None] | None]:
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield None
+        return
+    with console.status(f"{what}: looking for start values") as status:
+
+        def tell(progress: Progress) -> None:
+            status.update(
+                f"{what}: iteration {progress.iteration}, rms {show(progress.rms, 'm')}, "
+                f"{progress.elapsed_s:.1f} s (Ctrl-C keeps the best so far)"
+            )
+
+        yield tell
