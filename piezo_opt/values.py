@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import final
+from typing import TypeVar, final, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import ModelError
+
+T = TypeVar("T")
 
 
 @final
@@ -31,7 +34,7 @@ class Values(Mapping[str, float]):
     def __post_init__(self) -> None:
         clean = {name: float(number) for name, number in self.numbers.items()}
         for name, number in clean.items():
-            if not np.isfinite(number):
+            if not math.isfinite(number):
                 raise ModelError(f"Value of '{name}' is {number}; give a finite number.")
         object.__setattr__(self, "numbers", clean)
 
@@ -42,6 +45,16 @@ class Values(Mapping[str, float]):
 
     def __getitem__(self, name: str) -> float:
         return self.numbers[name]
+
+    @overload
+    def get(self, name: str, default: None = None, /) -> float | None: ...
+
+    @overload
+    def get(self, name: str, default: float | T, /) -> float | T: ...
+
+    def get(self, name: str, default: float | T | None = None, /) -> float | T | None:
+        """The number of that name, or the default; without the detour over an exception."""
+        return self.numbers.get(name, default)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.numbers)

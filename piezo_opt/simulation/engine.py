@@ -1,7 +1,8 @@
 """Two engines that run a scheme over segments: the compiled program, and CasADi's own machine.
 
 Both take the state and its sensitivities at the start and return readings; the compiled one is
-some ten times faster, the other needs no compiler.
+many times faster (see the speed benchmark), the other needs no compiler. Engines hold nothing that
+a run changes, so several threads may use one.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.assembly import System
 from piezo_opt.simulation.compiler import load
-from piezo_opt.simulation.program import SYMBOL, source
+from piezo_opt.simulation.program import RUN, START, source
 from piezo_opt.simulation.schedule import Segment
 from piezo_opt.simulation.scheme import Scheme, scheme
 
@@ -52,6 +53,11 @@ class Engine(Protocol):
     def compiled(self) -> bool:
         """Whether the engine is machine code."""
 
+    def start(
+        self, segment: Segment, parameters: FloatArray, deviation: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """States (n,) and their sensitivities (n, k) at rest, plus a deviation (n,)."""
+
     def run(
         self,
         segment: Segment,
@@ -70,10 +76,83 @@ def engine(system: System, directions: tuple[str, ...], prefer_compiled: bool = 
     """The fastest engine there is on this machine for a system and its directions."""
     made = scheme(system, directions)
     if prefer_compiled:
-        library = load(source(made))
+        try:
+            library = load(source(made))
+        except NotImplementedError:
+            # A user's effect may use an operation that CasADi knows and C does not.
+            library = None
         if library is not None:
             return CompiledEngine(made, library)
     return VirtualMachine(made)
+
+
+def _address(array: FloatArray) -> int:
+    return int(array.ctypes.data)
+
+
+@final
+class CompiledEngine:
+    """The C program of a scheme, called through ctypes (which releases the interpreter lock)."""
+
+    compiled = True
+
+    def __init__(self, made: Scheme, library: ctypes.CDLL) -> None:
+        self._shape = len(made.system.state_names), len(made.directions)
+        self._parameters = len(made.system.parameter_names)
+        self._run = getattr(library, RUN)
+        self._run.restype = None
+        self._run.argtypes = [ctypes.c_long] + [ctypes.c_void_p] * 18
+        self._start = getattr(library, START)
+        self._start.restype = None
+        self._start.argtypes = [ctypes.c_void_p] * 7
+
+    def start(
+        self, segment: Segment, parameters: FloatArray, deviation: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """States (n,) and their sensitivities (n, k) at rest, plus a deviation (n,)."""
+        p, d = self._vector(parameters, self._parameters), self._vector(deviation, self._shape[0])
+        x, s = np.empty(self._shape[0]), np.zeros(self._shape)
+        at = segment.addresses
+        self._start(at.time, at.drive, at.channels, _address(p), _address(d), _address(x),
+                    _address(s))  # fmt: skip
+        return x, s
+
+    def run(
+        self,
+        segment: Segment,
+        substeps: IntArray,
+        parameters: FloatArray,
+        start: FloatArray,
+        start_sensitivities: FloatArray,
+        *,
+        states: bool = False,
+    ) -> Run:
+        """Simulate."""
+        count, (n, k) = segment.readings, self._shape
+        p = self._vector(parameters, self._parameters)
+        x = self._vector(start, n).copy()
+        s = np.array(start_sensitivities, dtype=float, order="C")
+        cut = np.ascontiguousarray(substeps, dtype=np.int32)
+        if s.shape != (n, k) or cut.shape != segment.length.shape:
+            raise ValueError(f"sensitivities {s.shape}, sub-steps {cut.shape}: wrong shape")
+        y, j = np.empty(count), np.empty((count, k))
+        xs = np.empty((count, n)) if states else None
+        at = segment.addresses
+        self._run(
+            segment.length.size, at.length, cut.ctypes.data, at.time, at.drive, at.slope,
+            at.channels, at.channel_slopes, at.length_by_delay, at.drive_by_delay,
+            at.time_by_delay, at.channels_by_delay, at.reading, _address(p), _address(x),
+            _address(s), _address(y), _address(j), None if xs is None else _address(xs),
+        )  # fmt: skip
+        return Run(y, j, xs, x, s)
+
+    @staticmethod
+    def _vector(given: FloatArray, size: int) -> FloatArray:
+        vector = np.ascontiguousarray(given, dtype=float)
+        if vector.shape != (size,):
+            # The C program trusts its pointers.
+            raise ValueError(f"a vector of {size} numbers is needed, not of shape {vector.shape}")
+        return vector
 
 
 def _pack(made: Scheme, dense: FloatArray) -> FloatArray:
@@ -87,46 +166,6 @@ def _unpack(made: Scheme, packed: FloatArray, states: int) -> FloatArray:
 
 
 @final
-class CompiledEngine:
-    """The C program of a scheme, called through ctypes (which releases the interpreter lock)."""
-
-    compiled = True
-
-    def __init__(self, made: Scheme, library: ctypes.CDLL) -> None:
-        self._scheme = made
-        self._function = getattr(library, SYMBOL)
-        self._function.restype = None
-        self._function.argtypes = [ctypes.c_long] + [ctypes.c_void_p] * 18
-
-    def run(
-        self,
-        segment: Segment,
-        substeps: IntArray,
-        parameters: FloatArray,
-        start: FloatArray,
-        start_sensitivities: FloatArray,
-        *,
-        states: bool = False,
-    ) -> Run:
-        made = self._scheme
-        count, n, k = segment.readings, start.size, len(made.directions)
-        x = np.array(start, dtype=float)
-        s = _pack(made, start_sensitivities)
-        y, j = np.empty(count), np.empty((count, k))
-        xs = np.empty((count, n)) if states else None
-        columns = [
-            segment.length, substeps, segment.time, segment.drive, segment.slope,
-            segment.channels, segment.channel_slopes, segment.length_by_delay,
-            segment.drive_by_delay, segment.time_by_delay, segment.channels_by_delay,
-            segment.reading, np.ascontiguousarray(parameters, dtype=float), x, s, y, j,
-        ]  # fmt: skip
-        pointers = [a.ctypes.data for a in columns]
-        pointers.append(xs.ctypes.data if xs is not None else None)
-        self._function(segment.length.size, *pointers)
-        return Run(y, j, xs, x, _unpack(made, s, n))
-
-
-@final
 class VirtualMachine:
     """CasADi's interpreter, mapped over the sub-steps."""
 
@@ -134,6 +173,15 @@ class VirtualMachine:
 
     def __init__(self, made: Scheme) -> None:
         self._scheme = made
+        self._chunks = {size: _accumulator(made.step, size) for size in _CHUNKS}
+
+    def start(
+        self, segment: Segment, parameters: FloatArray, deviation: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """States (n,) and their sensitivities (n, k) at rest, plus a deviation (n,)."""
+        given = (parameters, segment.time[0], segment.drive[0], segment.channels[0], deviation)
+        x, s = (np.array(out, dtype=float).ravel() for out in self._scheme.start(*given))
+        return x, _unpack(self._scheme, s, x.size)
 
     def run(
         self,
@@ -145,6 +193,7 @@ class VirtualMachine:
         *,
         states: bool = False,
     ) -> Run:
+        """Simulate."""
         made = self._scheme
         n = start.size
         which = np.repeat(np.arange(substeps.size), substeps)
@@ -153,7 +202,7 @@ class VirtualMachine:
         divide = np.maximum(substeps, 1)
         h, ht = segment.length / divide, segment.length_by_delay / divide
 
-        def at(inside: NDArray[np.intp], index: NDArray[np.intp]) -> dict[str, FloatArray]:
+        def at(inside: NDArray[np.integer], index: NDArray[np.intp]) -> dict[str, FloatArray]:
             past, past_t = inside * h[index], inside * ht[index]
             slopes = segment.channel_slopes[index]
             return {
@@ -174,7 +223,9 @@ class VirtualMachine:
         s0 = _pack(made, start_sensitivities)
         xs, ss = np.tile(x0[:, None], (1, 1)), np.tile(s0[:, None], (1, 1))
         if which.size:
-            x_all, s_all = _accumulate(made.step, which.size, p, x0, s0, at(within, which))
+            moving = at(within, which)
+            rows = np.vstack([np.atleast_2d(moving[name]) for name in _MOVING])
+            x_all, s_all = self._accumulate(rows, p, x0, s0)
             xs, ss = np.hstack([xs, x_all]), np.hstack([ss, s_all])
         order = np.argsort(np.where(segment.reading >= 0, segment.reading, segment.reading.size))
         read = order[: segment.readings]
@@ -189,46 +240,50 @@ class VirtualMachine:
             _unpack(made, ss[:, -1], n),
         )
 
+    def _accumulate(
+        self, rows: FloatArray, p: FloatArray, x0: FloatArray, s0: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """States and sensitivities after each column of ``rows``."""
+        state, done, begin = np.concatenate([x0, s0]), [], 0
+        while begin < rows.shape[1]:
+            left = rows.shape[1] - begin
+            size = next((c for c in _CHUNKS if c <= left), _CHUNKS[-1])
+            part = rows[:, begin : begin + size]
+            # The last chunk is filled up with repetitions, whose results are not read.
+            filled = np.pad(part, ((0, 0), (0, size - part.shape[1])), mode="edge")
+            out = np.array(self._chunks[size](state, filled, p))[:, : part.shape[1]]
+            state = out[:, -1]
+            done.append(out)
+            begin += size
+        out = np.hstack(done)
+        return out[: x0.size], out[x0.size :]
+
 
 _MOVING = ("h", "du", "dc", "hT", "t", "u", "c", "uT", "tT", "cT")
+_CHUNKS = (4096, 512, 64)
 
 
-def _accumulate(
-    step: ca.Function,
-    count: int,
-    p: FloatArray,
-    x0: FloatArray,
-    s0: FloatArray,
-    inputs: dict[str, FloatArray],
-) -> tuple[FloatArray, FloatArray]:
-    symbols = {name: ca.MX.sym(name, step.size_in(name)[0]) for name in step.name_in()}
-    n = x0.size
-    both = ca.MX.sym("xS", n + s0.size)
-    moving = ca.MX.sym("moving", sum(symbols[name].numel() for name in _MOVING))
-    parts = ca.vertsplit(moving, np.cumsum([0, *(symbols[m].numel() for m in _MOVING)]).tolist())
-    named = dict(zip(_MOVING, parts, strict=True))
-    named |= {"p": symbols["p"], "x": both[:n], "S": both[n:]}
-    x_next, s_next = step(*(named[name] for name in step.name_in()))
-    one = ca.Function("po_one", [both, moving, symbols["p"]], [ca.vertcat(x_next, s_next)])
-    rows = np.vstack([np.atleast_2d(inputs[name]) for name in _MOVING if symbols[name].numel()])
-    chunk, done = 4096, []
-    state = np.concatenate([x0, s0])
-    whole = one.mapaccum("po_many", chunk) if count >= chunk else None
-    for begin in range(0, count, chunk):
-        part = rows[:, begin : begin + chunk]
-        size = part.shape[1]
-        many = whole if whole is not None and size == chunk else one.mapaccum("po_rest", size)
-        out = np.array(many(state, part, ca.repmat(ca.DM(p), 1, size)))
-        state = out[:, -1]
-        done.append(out)
-    out = np.hstack(done)
-    return out[:n], out[n:]
+def _accumulator(step: ca.Function, size: int) -> ca.Function:
+    """``(xS, moving (m, size), p) -> xS (., size)`` after each of ``size`` sub-steps."""
+    symbols = {name: ca.SX.sym(name, step.size_in(name)[0]) for name in step.name_in()}
+    both = ca.SX.sym("xS", symbols["x"].numel() + symbols["S"].numel())
+    split = [symbols["x"].numel()]
+    named = symbols | {"x": both[: split[0]], "S": both[split[0] :]}
+    moving = ca.vertcat(*(symbols[name] for name in _MOVING))
+    after = ca.vertcat(*step(*(named[name] for name in step.name_in())))
+    one = ca.Function("po_one", [both, moving, symbols["p"]], [after])
+    many = one.mapaccum("po_many", size)
+    first, columns, p = ca.MX.sym("xS", both.numel()), ca.MX.sym("m", moving.numel(), size), None
+    p = ca.MX.sym("p", symbols["p"].numel())
+    return ca.Function(
+        "po_chunk", [first, columns, p], [many(first, columns, ca.repmat(p, 1, size))]
+    )
 
 
 def _map(
     reading: ca.Function, count: int, p: FloatArray, inputs: dict[str, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    whole = reading.map(count)
-    given = {**inputs, "p": ca.repmat(ca.DM(p), 1, count)}
-    out = whole(*(np.atleast_2d(given[n]) if n != "p" else given[n] for n in reading.name_in()))
-    return np.array(out[0]), np.array(out[1]).reshape(-1, count)
+    # A column is the same for every reading, so CasADi repeats it.
+    given = {**{n: np.atleast_2d(a) for n, a in inputs.items()}, "p": p[:, None]}
+    y, j = reading.call([ca.DM(given[n]) for n in reading.name_in()])
+    return np.array(y), np.array(j).reshape(-1, count)

@@ -1,7 +1,8 @@
 """The C program of a scheme: the time loop around its straight-line step.
 
-One exported function, ``po_run``, walks over the segments of a schedule. Everything that depends
-on parameters alone is computed once, everything that depends on the segment once a segment.
+Two exported functions: ``po_start`` gives states and sensitivities at rest, ``po_run`` walks over
+the segments of a schedule. Everything that depends on parameters alone is computed once,
+everything that depends on the segment once a segment.
 """
 
 from __future__ import annotations
@@ -9,23 +10,33 @@ from __future__ import annotations
 from typing import Final
 
 from piezo_opt.simulation.emit import Block, emit
-from piezo_opt.simulation.scheme import Scheme
+from piezo_opt.simulation.scheme import START_INPUTS, Scheme
 
-SYMBOL: Final = "po_run"
+RUN: Final = "po_run"
+START: Final = "po_start"
 
 _LEVELS: Final = {
     "p": 0, "h": 1, "du": 1, "dc": 1, "hT": 1, "t": 2, "x": 2, "S": 2, "u": 2, "c": 2, "uT": 2,
     "tT": 2, "cT": 2,
 }  # fmt: skip
 
-_HEAD: Final = """\
+_START_HEAD: Final = """\
 #include <math.h>
 
+/* States X and their sensitivities S (row-major, zeroed by the caller) at rest at time T under
+   drive U and channels C, plus the deviation D. */
+void po_start(const double *restrict T, const double *restrict U, const double *restrict C,
+              const double *restrict P, const double *restrict D, double *restrict X,
+              double *restrict S)
+{
+"""
+
+_RUN_HEAD: Final = """\
 /* n segments: length H [s], sub-steps NSUB, start time T, drive U with slope DU, channels C with
    slopes DC (row-major), derivatives by the delay HT, UT, TT, CT; OBS is the index of the reading
-   taken at the segment's end, or -1. X and S hold the state and its sensitivities at the start on
-   entry and at the end on return; Y, J, XO take readings, their sensitivities (row-major) and, if
-   XO is not null, the states at the readings. */
+   taken at the segment's end, or -1. X and S hold the state and its sensitivities (row-major) at
+   the start on entry and at the end on return; Y, J, XO take readings, their sensitivities
+   (row-major) and, if XO is not null, the states at the readings. */
 void po_run(const long n, const double *restrict H, const int *restrict NSUB,
             const double *restrict T, const double *restrict U, const double *restrict DU,
             const double *restrict C, const double *restrict DC, const double *restrict HT,
@@ -46,7 +57,8 @@ def source(scheme: Scheme) -> str:
     ns, nc = scheme.step.numel_in(7), scheme.step.numel_in(9)
     nd = len(scheme.directions)
     delayed = scheme.system.delay is not None and nd > 0
-    out: list[str] = [_HEAD]
+    places = [int(r) * nd + int(k) for r, k in zip(scheme.rows, scheme.columns, strict=True)]
+    out: list[str] = [_START_HEAD]
 
     def line(depth: int, text: str) -> None:
         out.append("    " * depth + text + "\n")
@@ -55,12 +67,28 @@ def source(scheme: Scheme) -> str:
         for text in piece.levels[at]:
             line(depth, text)
 
+    start = emit(scheme.start, START_INPUTS, [0] * len(START_INPUTS), "s", 1)
+    for i in range(np_):
+        line(1, f"const double p_{i} = P[{i}];")
+    line(1, "const double t_0 = T[0], u_0 = U[0];")
+    for i in range(nc):
+        line(1, f"const double c_{i} = C[{i}];")
+    for i in range(nx):
+        line(1, f"const double deviation_{i} = D[{i}];")
+    block(1, start, 0)
+    for i, text in enumerate(start.outputs[0] if nx else ()):
+        line(1, f"X[{i}] = {text};")
+    for i, text in zip(places, start.outputs[1] if ns else (), strict=True):
+        line(1, f"S[{i}] = {text};")
+    out.append("}\n\n")
+
+    out.append(_RUN_HEAD)
     for i in range(np_):
         line(1, f"const double p_{i} = P[{i}];")
     for i in range(nx):
         line(1, f"double x_{i} = X[{i}];")
-    for i in range(ns):
-        line(1, f"double S_{i} = S[{i}];")
+    for i, place in enumerate(places):
+        line(1, f"double S_{i} = S[{place}];")
     block(1, step, 0)
     block(1, reading, 0)
     line(1, "for (long j = 0; j < n; ++j) {")
@@ -115,7 +143,7 @@ def source(scheme: Scheme) -> str:
     line(1, "}")
     for i in range(nx):
         line(1, f"X[{i}] = x_{i};")
-    for i in range(ns):
-        line(1, f"S[{i}] = S_{i};")
+    for i, place in enumerate(places):
+        line(1, f"S[{place}] = S_{i};")
     out.append("}\n")
     return "".join(out)

@@ -8,13 +8,15 @@ which makes the derivative by T exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from piezo_opt.errors import InputError
 from piezo_opt.measurement import Between, Measurement
 
 FloatArray = NDArray[np.float64]
@@ -23,6 +25,24 @@ _RAMP = 1e-3
 """Length of a step of a held drive, as a share of the sampling step."""
 _FINER = 16
 """Points a sample between which a band-limited drive is taken as straight."""
+
+
+@final
+@dataclass(frozen=True)
+class Addresses:
+    """Memory addresses of a :class:`Segment`'s columns; valid as long as it lives."""
+
+    length: int
+    time: int
+    drive: int
+    slope: int
+    channels: int
+    channel_slopes: int
+    length_by_delay: int
+    drive_by_delay: int
+    time_by_delay: int
+    channels_by_delay: int
+    reading: int
 
 
 @final
@@ -42,10 +62,24 @@ class Segment:
     channels_by_delay: FloatArray
     reading: NDArray[np.int32]
 
-    @property
+    @cached_property
     def readings(self) -> int:
         """Number of readings taken."""
         return int((self.reading >= 0).sum())
+
+    @cached_property
+    def addresses(self) -> Addresses:
+        """Where the columns lie in memory, for the C program."""
+        found = {}
+        for one in fields(Addresses):
+            column = getattr(self, one.name)
+            kind = np.int32 if one.name == "reading" else np.float64
+            if column.dtype != kind or not column.flags.c_contiguous:
+                raise ValueError(f"{one.name}: the C program reads contiguous {kind.__name__}")
+            if column.shape[0] != self.length.size:
+                raise ValueError(f"{one.name}: {column.shape[0]} rows for {self.length.size}")
+            found[one.name] = int(column.ctypes.data)
+        return Addresses(**found)
 
 
 @final
@@ -58,23 +92,89 @@ class Drive:
     channel_time: FloatArray
     channels: FloatArray
     """(samples of the record, channels)"""
+    closed: Drive | None = None
+    """The first period, closed on itself, of a record that has a period."""
 
 
 def corners(record: Measurement, channels: tuple[str, ...]) -> Drive:
-    """The drive of a record as a chain of straight lines, as its ``between`` says."""
+    """The drive of a record as a chain of straight lines, as its ``between`` says.
+
+    Raises:
+        InputError: a band-limited drive is not evenly sampled.
+    """
     t = record.time - record.time[0]
     beside = np.array([record.channels[c] for c in channels], dtype=float).T.reshape(t.size, -1)
+    if record.between is Between.BANDLIMITED and not record.uniform:
+        raise InputError(
+            f"{record.name}: a band-limited drive needs even sampling; take between=LINEAR, or "
+            "resample the record."
+        )
+    closed = None if record.period is None else _closed(record, record.period, t, beside)
+    return Drive(*_lines(record, t, record.drive), t, beside, closed)
+
+
+def _lines(record: Measurement, t: FloatArray, drive: FloatArray) -> tuple[FloatArray, FloatArray]:
     if record.between is Between.HELD:
-        ramp = _RAMP * record.step
-        jump = np.flatnonzero(np.diff(record.drive)) + 1
-        before = np.maximum(t[jump] - ramp, 0.5 * (t[jump] + t[jump - 1]))
-        time = np.concatenate([t, before])
-        value = np.concatenate([record.drive, record.drive[jump - 1]])
-        order = np.argsort(time, kind="stable")
-        return Drive(time[order], value[order], t, beside)
+        return _held(t, drive, _RAMP * record.step)
     if record.between is Between.BANDLIMITED:
-        return Drive(*_band_limited(record), t, beside)
-    return Drive(t, np.asarray(record.drive), t, beside)
+        return _band_limited(record)
+    return t, np.asarray(drive, dtype=float)
+
+
+def _closed(record: Measurement, period: float, t: FloatArray, beside: FloatArray) -> Drive:
+    # The sample at the period's end is that at its start, whatever its time is rounded to.
+    inside = t < period - 0.01 * record.step
+    time = np.append(t[inside], period)
+    channels = np.vstack([beside[inside], beside[:1]])
+    if record.between is Between.BANDLIMITED:
+        fine = signal.resample(record.drive[inside], int(inside.sum()) * _FINER)
+        value = np.append(fine, fine[0])
+        return Drive(np.linspace(0.0, period, value.size), value, time, channels)
+    drive = np.append(record.drive[inside], record.drive[0])
+    return Drive(*_lines(record, time, drive), time, channels)
+
+
+def cycle(drive: Drive, period: float) -> Segment:
+    """The first period [s] of a drive, closed on itself.
+
+    Raises:
+        ValueError: the drive is not that of a record with a period.
+    """
+    if drive.closed is None:
+        raise ValueError("the record has no period")
+    return segments(drive.closed, np.array([0.0, period]))
+
+
+def led_in(drive: Drive, times: int) -> Drive:
+    """A periodic drive with whole periods before it: the past that a delayed chain answers to.
+
+    Raises:
+        ValueError: the drive is not that of a record with a period.
+    """
+    if drive.closed is None:
+        raise ValueError("the record has no period")
+    one = drive.closed
+    shifts = float(one.time[-1]) * np.arange(-times, 0)
+
+    def at(time: FloatArray) -> FloatArray:
+        return np.asarray((shifts[:, None] + time[None, :-1]).ravel())
+
+    return Drive(
+        np.concatenate([at(one.time), drive.time]),
+        np.concatenate([*[one.value[:-1]] * times, drive.value]),
+        np.concatenate([at(one.channel_time), drive.channel_time]),
+        np.concatenate([*[one.channels[:-1]] * times, drive.channels]),
+    )
+
+
+def _held(t: FloatArray, drive: FloatArray, ramp: float) -> tuple[FloatArray, FloatArray]:
+    """A held drive: steps as fast ramps that end at the sample."""
+    jump = np.flatnonzero(np.diff(drive)) + 1
+    before = np.maximum(t[jump] - ramp, 0.5 * (t[jump] + t[jump - 1]))
+    time = np.concatenate([t, before])
+    value = np.concatenate([drive, drive[jump - 1]])
+    order = np.argsort(time, kind="stable")
+    return np.asarray(time[order], dtype=float), np.asarray(value[order], dtype=float)
 
 
 def _band_limited(record: Measurement) -> tuple[FloatArray, FloatArray]:
@@ -92,7 +192,8 @@ def _band_limited(record: Measurement) -> tuple[FloatArray, FloatArray]:
         ends = np.concatenate([2 * d[0] - d[pad:0:-1], d, 2 * d[-1] - d[-2 : -pad - 2 : -1]])
         fine = signal.resample_poly(ends, _FINER, 1)
         value = fine[pad * _FINER : pad * _FINER + (n - 1) * _FINER + 1]
-    return np.arange(value.size) * (record.step / _FINER), np.asarray(value, dtype=float)
+    time = np.arange(value.size) * (record.step / _FINER)
+    return np.asarray(time, dtype=np.float64), np.asarray(value, dtype=np.float64)
 
 
 def segments(drive: Drive, readings: FloatArray, delay: float | None = None) -> Segment:
@@ -106,9 +207,9 @@ def segments(drive: Drive, readings: FloatArray, delay: float | None = None) -> 
             delay moves the one against the other.
     """
     at = readings if delay is None else readings - delay
-    first = min(float(drive.time[0]), float(at[0]))
-    inside = drive.time[(drive.time > first) & (drive.time < at[-1])]
+    inside = drive.time[drive.time < at[-1]]
     if delay is None:
+        first = min(float(drive.time[0]), float(at[0]))
         knots = np.unique(np.concatenate([[first], inside, at]))
         index = np.full(knots.size, -1, dtype=np.int32)
         index[np.searchsorted(knots, at)] = np.arange(at.size, dtype=np.int32)
@@ -118,8 +219,6 @@ def segments(drive: Drive, readings: FloatArray, delay: float | None = None) -> 
         number = np.concatenate([np.arange(at.size), np.full(inside.size, -1)])
         order = np.lexsort((number < 0, knots))
         knots, index = knots[order], number[order].astype(np.int32)
-        if first < at[0]:
-            knots, index = np.append(first, knots), np.append(np.int32(-1), index)
         by_delay = np.where(index >= 0, -1.0, 0.0)
     start = np.concatenate([knots[:1], knots[:-1]])
     start_by_delay = np.concatenate([by_delay[:1], by_delay[:-1]])

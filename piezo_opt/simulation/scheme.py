@@ -26,19 +26,22 @@ from piezo_opt.errors import ModelError
 INITIAL = "initial."
 
 INPUTS = ("p", "h", "du", "dc", "hT", "t", "x", "S", "u", "c", "uT", "tT", "cT")
-"""Inputs of both functions of a scheme, in order; see :class:`Scheme`."""
+"""Inputs of sub-step and reading, in order; see :class:`Scheme`."""
+START_INPUTS = ("p", "t", "u", "c", "deviation")
+"""Inputs of the start, in order."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Scheme:
-    """Sub-step and reading as CasADi functions of the same thirteen inputs.
+    """Start, sub-step and reading as CasADi functions, the last two of the same thirteen inputs.
 
     Inputs: parameters p, sub-step h, slopes of drive and channels du, dc, derivative of the
     sub-step by the delay hT, then what moves: time t, states x, non-zeros of S, drive u, channels
     c, and the derivatives of drive, time and channels by the delay.
 
     Attributes:
+        start: ``(p, t, u, c, deviation) -> (x, S)`` at rest plus the deviation.
         step: ``inputs -> (x, S)`` after the sub-step.
         reading: ``inputs -> (y, dy/d(directions))`` at the end of a sub-step.
         directions: names of the sensitivity columns.
@@ -47,6 +50,7 @@ class Scheme:
     """
 
     system: System
+    start: ca.Function
     step: ca.Function
     reading: ca.Function
     directions: tuple[str, ...]
@@ -83,6 +87,7 @@ def scheme(system: System, directions: Sequence[str] = ()) -> Scheme:
     ht, ut, tt = ca.SX.sym("hT"), ca.SX.sym("uT"), ca.SX.sym("tT")
     ct = ca.SX.sym("cT", nc)
     inputs = [p, h, du, dc, ht, t, x, s, u, c, ut, tt, ct]
+    start = _start(system, directions, rows, columns)
 
     def rate(at: ca.SX, state: ca.SX) -> ca.SX:
         return system.rate(t + at, state, u + du * at, du, c + dc * at, dc, p)
@@ -95,26 +100,25 @@ def scheme(system: System, directions: Sequence[str] = ()) -> Scheme:
     after = x + (h * (1.0 / 6.0)) * (k1 + 2.0 * (k2 + k3) + k4)
     if system.becomes is not None:
         after = system.becomes(t + h, after, u + du * h, c + dc * h, p)
+    after = ca.densify(after)
     y = system.reading(t, x, u, du, c, dc, p)
     if nd == 0:
+        after = ca.cse(after)
         return Scheme(
-            system,
-            ca.Function("po_step", inputs, [ca.densify(after), ca.SX(0, 1)], list(INPUTS), ["xn", "Sn"]),
+            system, start,
+            ca.Function("po_step", inputs, [after, ca.SX(0, 1)], list(INPUTS), ["xn", "Sn"]),
             ca.Function("po_read", inputs, [y, ca.SX(0, 1)], list(INPUTS), ["y", "J"]),
             (), rows, columns,
         )  # fmt: skip
 
     delays = _delay_directions(system, directions)
-    seed_p = ca.SX(np_, nd)
-    for column, name in enumerate(directions):
-        if name in system.parameter_names:
-            seed_p[system.parameter_names.index(name), column] = 1.0
+    seed_p, _ = _own(system, directions)
     seed_x = ca.SX(nx, nd)
     for index, (row, column) in enumerate(zip(rows, columns, strict=True)):
         seed_x[int(row), int(column)] = s[index]
     moving = ca.SX(1, nd)
-    for column in delays:
-        moving[0, column] = 1.0
+    for shifted in delays:
+        moving[0, shifted] = 1.0
     seed = ca.vertcat(seed_x, seed_p, moving * ht, moving * ut, moving * tt, ca.mtimes(ct, moving))
     at = ca.vertcat(x, p, h, u, t, c)
     grown = ca.densify(ca.jtimes(after, at, seed))
@@ -122,14 +126,45 @@ def scheme(system: System, directions: Sequence[str] = ()) -> Scheme:
     carried = ca.vertcat(*(grown[int(r), int(k)] for r, k in zip(rows, columns, strict=True)))
     if rows.size == 0:
         carried = ca.SX(0, 1)
-    after, carried = ca.cse([ca.densify(after), carried])
+    after, carried = ca.cse([after, carried])
     y, slope = ca.cse([y, slope.T])
     return Scheme(
-        system,
+        system, start,
         ca.Function("po_step", inputs, [after, carried], list(INPUTS), ["xn", "Sn"]),
         ca.Function("po_read", inputs, [y, slope], list(INPUTS), ["y", "J"]),
         directions, rows, columns,
     )  # fmt: skip
+
+
+def _own(system: System, directions: Sequence[str]) -> tuple[ca.DM, ca.DM]:
+    """Which parameter, and which state's start, each direction moves: two selections."""
+    by_parameter = ca.DM(len(system.parameter_names), len(directions))
+    by_start = ca.DM(len(system.state_names), len(directions))
+    for column, name in enumerate(directions):
+        if name in system.parameter_names:
+            by_parameter[system.parameter_names.index(name), column] = 1.0
+        else:
+            by_start[system.state_names.index(name.removeprefix(INITIAL)), column] = 1.0
+    return by_parameter, by_start
+
+
+def _start(
+    system: System,
+    directions: Sequence[str],
+    rows: NDArray[np.intp],
+    columns: NDArray[np.intp],
+) -> ca.Function:
+    """The start and the carried entries of its sensitivities."""
+    p, d = ca.SX.sym("p", len(system.parameter_names)), ca.SX.sym("d", len(system.state_names))
+    t, u, c = ca.SX.sym("t"), ca.SX.sym("u"), ca.SX.sym("c", len(system.channel_names))
+    x = ca.densify(system.start(t, u, c, p, d))
+    slopes = ca.SX(0, 1)
+    if rows.size:
+        by_parameter, by_start = _own(system, directions)
+        dense = ca.jtimes(x, ca.vertcat(p, d), ca.vertcat(by_parameter, by_start))
+        slopes = ca.vertcat(*(dense[int(r), int(k)] for r, k in zip(rows, columns, strict=True)))
+    outputs = ca.cse([x, ca.densify(slopes)])
+    return ca.Function("po_start", [p, t, u, c, d], outputs, list(START_INPUTS), ["x", "S"])
 
 
 def _delay_directions(system: System, directions: Sequence[str]) -> list[int]:
@@ -147,7 +182,7 @@ def _pattern(system: System, directions: Sequence[str]) -> NDArray[np.bool_]:
 
     def dense(function: ca.Function, out: int, into: int) -> NDArray[np.bool_]:
         sparsity = function.jac_sparsity(out, into)
-        return np.array(ca.DM(sparsity, 1)).reshape(sparsity.shape) != 0
+        return np.asarray(np.array(ca.DM(sparsity, 1)).reshape(sparsity.shape) != 0)
 
     if nx == 0 or nd == 0:
         return np.zeros((nx, nd), dtype=bool)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import final
+from functools import cached_property
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,16 @@ from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, ModelError
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation.accuracy import Accuracy, Substeps, choose
-from piezo_opt.simulation.engine import Run, engine
-from piezo_opt.simulation.schedule import Drive, Segment, corners, segments
+from piezo_opt.simulation.engine import Engine, Run, engine
+from piezo_opt.simulation.schedule import Drive, Segment, corners, cycle, led_in, segments
 from piezo_opt.simulation.scheme import INITIAL
 from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int32]
+
+_NEWTON: Final = 40
+"""Iterations to a periodic state; it takes three or four."""
 
 TOLERANCE = 5e-5
 """Default error of the scheme as a share of the reading's range; below any noise."""
@@ -63,7 +68,7 @@ class Response:
 
 @final
 class Simulator:
-    """A model on one record, ready to be run for many values.
+    """A model on one record, ready to be run for many values, by several threads if wished.
 
     Args:
         model: a sum of effects.
@@ -106,30 +111,41 @@ class Simulator:
         self.record = record
         self.directions = tuple(directions)
         self.initial = initial
-        self._compiled = prefer_compiled
+        self._names = self.system.parameter_names
+        self._initials = tuple(INITIAL + n for n in self.system.state_names)
+        self._constants = tuple(self.system.constants.items())
         self._drive: Drive = corners(record, self.system.channel_names)
         self._at = record.time - record.time[0]
         self._plain = engine(self.system, (), prefer_compiled)
-        self._start_jacobian = self.system.start.jacobian() if self.system.state_names else None
-        self._fixed: Segment | None = None
-        if self.system.delay is None:
-            self._fixed = segments(self._drive, self._at)
+        self._prefer_compiled = prefer_compiled
+        # Kept from call to call, each replaced as a whole: threads may race, never mix.
+        self._segment_at: tuple[float | None, Segment] | None = None
+        self._cut_of: tuple[Segment, Substeps, IntArray] | None = None
         self._steady: FloatArray | None = None
         if substeps is None:
             self.accuracy = self.choose(values, tolerance)
         else:
-            self.accuracy = Accuracy(substeps, float("nan"), float("nan"))
+            count = int(substeps.of(self.segment(values)).sum())
+            self.accuracy = Accuracy(substeps, float("nan"), count / record.time.size)
 
     @property
     def compiled(self) -> bool:
         """Whether machine code runs."""
         return self._plain.compiled
 
-    @property
-    def _all_directions(self) -> tuple[str, ...]:
-        if self.initial is Initial.REST:
-            return self.directions
-        return (*self.directions, *(INITIAL + n for n in self.system.state_names))
+    @cached_property
+    def _sensitive(self) -> Engine:
+        """The engine with all directions; a periodic start needs those of the start as well."""
+        beside = self._initials if self.initial is Initial.PERIODIC else ()
+        return engine(self.system, (*self.directions, *beside), self._prefer_compiled)
+
+    @cached_property
+    def _monodromy(self) -> Engine:
+        return engine(self.system, self._initials, self._prefer_compiled)
+
+    @cached_property
+    def _once(self) -> Segment:
+        return cycle(self._drive, float(self.record.period or 0.0))
 
     def choose(
         self, values: Mapping[str, float], tolerance: float = TOLERANCE, most: int | None = None
@@ -138,8 +154,8 @@ class Simulator:
 
         With ``most`` sub-steps in the whole record the best that they allow is taken.
         """
-        segment, p = self._segment(values), self._parameters(values)
-        start = self._start(segment, p, self._deviation(values))
+        segment, p = self.segment(values), self._parameters(values)
+        start, _ = self._plain.start(segment, p, self._deviation(values))
 
         def simulate(substeps: Substeps) -> FloatArray:
             return self._run(values, substeps).reading
@@ -149,7 +165,7 @@ class Simulator:
 
     def substeps(self, values: Mapping[str, float]) -> int:
         """Number of sub-steps in the whole record."""
-        return int(self.accuracy.substeps.of(self._segment(values)).sum())
+        return int(self.accuracy.substeps.of(self.segment(values)).sum())
 
     def reading(self, values: Mapping[str, float]) -> FloatArray:
         """The reading (N,) [m]."""
@@ -169,43 +185,65 @@ class Simulator:
 
     def with_sensitivities(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """The reading (N,) [m] and its derivative by each direction (N, k)."""
-        segment, p = self._segment(values), self._parameters(values)
-        runner = engine(self.system, self._all_directions, self._compiled)
-        substeps = self.accuracy.substeps.of(segment)
-        if self.initial is Initial.PERIODIC:
-            start = self._periodic(values, self.accuracy.substeps)
-            n, k = start.size, len(self.directions)
-            cycle, cut = self._cycle(values), self.accuracy.substeps
-            s0 = np.hstack([np.zeros((n, k)), np.eye(n)])
-            around = runner.run(cycle, cut.of(cycle), p, start, s0).last_sensitivities
-            closed = np.linalg.lstsq(np.eye(n) - around[:, k:], around[:, :k], rcond=None)[0]
-            run = runner.run(segment, substeps, p, start, s0)
-            return run.reading, run.sensitivities[:, :k] + run.sensitivities[:, k:] @ closed
-        deviation = self._deviation(values)
-        start = self._start(segment, p, deviation)
-        slopes = self._start_sensitivities(segment, p, deviation, self.directions)
-        run = runner.run(segment, substeps, p, start, slopes)
-        return run.reading, run.sensitivities
+        segment, p = self.segment(values), self._parameters(values)
+        runner, substeps = self._sensitive, self.accuracy.substeps
+        cut = self._cut(segment, substeps)
+        if self.initial is Initial.REST:
+            start, slopes = runner.start(segment, p, self._deviation(values))
+            run = runner.run(segment, cut, p, start, slopes)
+            return run.reading, run.sensitivities
+        # x0 = x(period; x0, p), hence (1 - dx/dx0) dx0/dp = dx/dp; the reading follows x0.
+        start, once = self._periodic(p, substeps), self._once
+        n, k = start.size, len(self.directions)
+        unit = np.hstack([np.zeros((n, k)), np.eye(n)])
+        around = runner.run(once, substeps.of(once), p, start, unit).last_sensitivities
+        if not np.isfinite(around).all():
+            return self.reading(values), np.full((segment.readings, k), np.nan)
+        closed = np.linalg.lstsq(np.eye(n) - around[:, k:], around[:, :k], rcond=None)[0]
+        run = runner.run(segment, cut, p, start, unit)
+        return run.reading, run.sensitivities[:, :k] + run.sensitivities[:, k:] @ closed
 
     def _run(self, values: Mapping[str, float], cut: Substeps, *, states: bool = False) -> Run:
-        segment, p = self._segment(values), self._parameters(values)
+        segment, p = self.segment(values), self._parameters(values)
         if self.initial is Initial.PERIODIC:
-            start = self._periodic(values, cut)
+            start = self._periodic(p, cut)
         else:
-            start = self._start(segment, p, self._deviation(values))
+            start, _ = self._plain.start(segment, p, self._deviation(values))
         nothing = np.zeros((start.size, 0))
-        return self._plain.run(segment, cut.of(segment), p, start, nothing, states=states)
+        substeps = self._cut(segment, cut)
+        return self._plain.run(segment, substeps, p, start, nothing, states=states)
 
-    def _segment(self, values: Mapping[str, float]) -> Segment:
-        if self._fixed is not None:
-            return self._fixed
-        assert self.system.delay is not None
-        delay = float(self.system.delay(self._parameters(values)))
-        return segments(self._drive, self._at, delay)
+    def segment(self, values: Mapping[str, float]) -> Segment:
+        """The time axis: stretches of straight drive, and where the reading is taken."""
+        delay = None
+        if self.system.delay is not None:
+            delay = float(self.system.delay(self._parameters(values)))
+        kept = self._segment_at
+        if kept is None or kept[0] != delay:
+            drive = self._drive
+            if delay is not None and self.initial is Initial.PERIODIC:
+                length = float(self.record.period or np.inf)
+                drive = led_in(drive, max(1, int(np.ceil(delay / length))))
+            kept = (delay, segments(drive, self._at, delay))
+            self._segment_at = kept
+        return kept[1]
+
+    def _cut(self, segment: Segment, substeps: Substeps) -> IntArray:
+        kept = self._cut_of
+        if kept is None or kept[0] is not segment or kept[1] != substeps:
+            kept = (segment, substeps, substeps.of(segment))
+            self._cut_of = kept
+        return kept[2]
 
     def _parameters(self, values: Mapping[str, float]) -> FloatArray:
+        for name, constant in self._constants:
+            if values.get(name, constant) != constant:
+                raise ModelError(
+                    f"'{name}' is folded into the compiled code at {constant:g} and cannot be "
+                    f"{values[name]:g}; name it in Simulator(runtime=...)."
+                )
         try:
-            return np.array([values[n] for n in self.system.parameter_names], dtype=float)
+            return np.array([values[n] for n in self._names], dtype=float)
         except KeyError as missing:
             raise ModelError(
                 f"No value for the parameter {missing}; give one, or start from "
@@ -213,66 +251,31 @@ class Simulator:
             ) from None
 
     def _deviation(self, values: Mapping[str, float]) -> FloatArray:
-        return np.array([values.get(INITIAL + n, 0.0) for n in self.system.state_names])
+        return np.array([values.get(n, 0.0) for n in self._initials], dtype=float)
 
-    def _start(self, segment: Segment, p: FloatArray, deviation: FloatArray) -> FloatArray:
-        given = (segment.time[0], segment.drive[0], segment.channels[0], p, deviation)
-        return np.array(self.system.start(*given), dtype=float).ravel()
-
-    def _start_sensitivities(
-        self, segment: Segment, p: FloatArray, deviation: FloatArray, directions: tuple[str, ...]
-    ) -> FloatArray:
-        slopes = np.zeros((deviation.size, len(directions)))
-        if self._start_jacobian is None:
-            return slopes
-        given = (segment.time[0], segment.drive[0], segment.channels[0], p, deviation)
-        blocks = self._start_jacobian(*given, np.zeros(deviation.size))
-        by_parameter, by_deviation = np.array(blocks[3]), np.array(blocks[4])
-        for column, name in enumerate(directions):
-            if name in self.system.parameter_names:
-                slopes[:, column] = by_parameter[:, self.system.parameter_names.index(name)]
-            else:
-                state = self.system.state_names.index(name.removeprefix(INITIAL))
-                slopes[:, column] = by_deviation[:, state]
-        return slopes
-
-    def _cycle(self, values: Mapping[str, float]) -> Segment:
-        """One period of the drive, closed on itself."""
-        period = float(self.record.period or 0.0)
-        inside = self._drive.time < period * (1.0 - 1e-9)
-        time = np.append(self._drive.time[inside], period)
-        value = np.append(self._drive.value[inside], self._drive.value[0])
-        beside = self._drive.channel_time < period * (1.0 - 1e-9)
-        drive = Drive(
-            time,
-            value,
-            np.append(self._drive.channel_time[beside], period),
-            np.vstack([self._drive.channels[beside], self._drive.channels[:1]]),
-        )
-        return segments(drive, np.array([0.0, period]))
-
-    def _periodic(self, values: Mapping[str, float], cut: Substeps) -> FloatArray:
-        """Newton's method on x(period; x0) = x0."""
-        names = tuple(INITIAL + n for n in self.system.state_names)
-        runner = engine(self.system, names, self._compiled)
-        cycle, p = self._cycle(values), self._parameters(values)
-        identity = np.eye(len(names))
+    def _periodic(self, p: FloatArray, cut: Substeps) -> FloatArray:
+        """Newton's method on x(period; x0) = x0; NaN where there is no such state."""
+        runner, once = self._monodromy, self._once
+        substeps = cut.of(once)
+        n = len(self._initials)
+        identity = np.eye(n)
         x = self._steady
         if x is None:
-            x = self._start(cycle, p, np.zeros(len(names)))
-        for _ in range(40):
-            run = runner.run(cycle, cut.of(cycle), p, x, identity)
+            x, _ = self._plain.start(once, p, np.zeros(n))
+            # Once around from rest: play and hysteresis come near the loop that they end on.
+            x = self._plain.run(once, substeps, p, x, np.zeros((n, 0))).last
+        for _ in range(_NEWTON):
+            run = runner.run(once, substeps, p, x, identity)
             gap = run.last - x
-            if not np.isfinite(gap).all():
+            if not np.isfinite(run.last_sensitivities).all() or not np.isfinite(gap).all():
                 break
+            # Least squares: a memory that nothing fades leaves its start undetermined.
             step = np.linalg.lstsq(identity - run.last_sensitivities, gap, rcond=None)[0]
             x = x + step
             if np.all(np.abs(step) <= 1e-9 * (np.abs(x) + np.abs(run.last).max(initial=0.0))):
                 self._steady = x
                 return x
-        if np.isfinite(x).all():
-            return x
-        return self._start(cycle, p, np.zeros(len(names)))
+        return np.full(n, np.nan)
 
 
 def simulate(
