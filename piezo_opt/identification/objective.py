@@ -146,7 +146,8 @@ class Objective:
 
     def cost(self, residual: FloatArray) -> float:
         """Half the sum of the loss over the residuals [m^2]."""
-        if not np.isfinite(residual).all():
+        # A diverging simulation is no better than an infinite one, and must not overflow.
+        if not np.isfinite(residual).all() or float(np.abs(residual).max(initial=0.0)) > 1e100:
             return float("inf")
         return 0.5 * float(np.sum(_rho(residual, self.question.loss)))
 

@@ -159,6 +159,10 @@ class Identification:
             return quantity(value, declared.unit)
         return float(value)
 
+    def given(self) -> dict[str, float]:
+        """Start values that the user gave, in SI units."""
+        return {k: float(v) for k, v in self.values.items()}
+
     @property
     def campaign(self) -> Campaign:
         """The records."""

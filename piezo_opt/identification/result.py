@@ -165,8 +165,8 @@ class Fit:
             self.model, record, fixed=shared, start=self.question.start,
             values={n: self.values.of_record(0).get(n, 0.0) for n in free},
         )  # fmt: skip
-        unknown = unknowns(question, Values({**Values.nominal(self.model), **question.values}))
-        theta = theta_of(unknown, question.values)
+        unknown = unknowns(question, Values({**Values.nominal(self.model), **question.given()}))
+        theta = theta_of(unknown, question.given())
         objective = Objective(question, unknown, theta, Monitor(unknown.names))
         if theta.size:
             theta = LevenbergMarquardt(tolerance=1e-7).minimise(objective, theta).theta

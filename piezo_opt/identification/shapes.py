@@ -59,18 +59,18 @@ def _values(parameter: Parameter, record: Measurement, residual: FloatArray) -> 
     swing = float(np.ptp(record.drive)) or 1.0
     unit = parameter.unit
     if unit == "s":
-        return np.geomspace(0.3 * record.step, 0.3 * record.duration, 7).tolist()
+        return _numbers(np.geomspace(0.3 * record.step, 0.3 * record.duration, 7))
     if unit == "V":
         return [0.02 * top, 0.1 * top, 0.3 * top, 0.6 * top, 0.8 * top, 0.92 * top]
     if unit == "V/s":
         speed = np.abs(np.diff(record.drive) / np.diff(record.time))
-        return np.unique(np.quantile(speed[speed > 0], [0.3, 0.6, 0.9, 0.99])).tolist()
+        return _numbers(np.unique(np.quantile(speed[speed > 0], [0.3, 0.6, 0.9, 0.99])))
     if unit == "m":
-        return (stroke * np.geomspace(0.003, 0.3, 4)).tolist()
+        return _numbers(stroke * np.geomspace(0.003, 0.3, 4))
     if unit == "1/m":
-        return (np.geomspace(0.3, 30.0, 4) / stroke).tolist()
+        return _numbers(np.geomspace(0.3, 30.0, 4) / stroke)
     if unit == "1/V":
-        return (np.geomspace(0.3, 30.0, 4) / swing).tolist()
+        return _numbers(np.geomspace(0.3, 30.0, 4) / swing)
     if unit == "rad/s":
         return resonances(record, residual)
     if unit == "rad":
@@ -93,9 +93,10 @@ def resonances(record: Measurement, residual: FloatArray) -> list[float]:
     n = y.size
     if n >= 64:
         length = min(n, max(64, n // 4))
-        f, cross = signal.csd(u, y, fs=1.0 / step, nperseg=length, detrend="linear")
-        _, power = signal.welch(u, fs=1.0 / step, nperseg=length, detrend="linear")
-        _, spectrum = signal.welch(y, fs=1.0 / step, nperseg=length, detrend="linear")
+        u, y = signal.detrend(u), signal.detrend(y)
+        f, cross = signal.csd(u, y, fs=1.0 / step, nperseg=length)
+        _, power = signal.welch(u, fs=1.0 / step, nperseg=length)
+        _, spectrum = signal.welch(y, fs=1.0 / step, nperseg=length)
         with np.errstate(divide="ignore", invalid="ignore"):
             coherence = np.abs(cross) ** 2 / (power * spectrum)
             response = np.where(
@@ -114,6 +115,10 @@ def resonances(record: Measurement, residual: FloatArray) -> list[float]:
         if bottom < omega < 0.9 * np.pi / step and apart:
             kept.append(float(omega))
     return kept
+
+
+def _numbers(values: FloatArray) -> list[float]:
+    return [float(v) for v in values]
 
 
 def _peaks(f: FloatArray, height: FloatArray, count: int) -> list[float]:

@@ -64,7 +64,7 @@ def solve(
     scout = Monitor(())
     begin = starting_values(asked, scout)
     unknown = unknowns(asked, begin)
-    theta = theta_of(unknown, {**begin, **asked.values})
+    theta = theta_of(unknown, {**begin, **asked.given()})
     monitor = Monitor(unknown.names, progress)
     monitor.simulations, monitor.with_sensitivities = scout.simulations, scout.with_sensitivities
     if starts > 1:

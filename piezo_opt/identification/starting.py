@@ -21,6 +21,7 @@ from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.shapes import resonances, shape_grid
+from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
 from piezo_opt.measurement import Measurement
 from piezo_opt.values import Values
@@ -29,9 +30,11 @@ FloatArray = NDArray[np.float64]
 
 _WIDTHS = (1.0, 3.0, 10.0)
 """Trial widths of the loop, times one over the drive's range."""
+_ROUNDNESSES = (0.0, -1.0, 0.8)
+"""Trial roundnesses, as a share of the width."""
 _DAMPINGS = (0.02, 0.2, 0.7)
-_ENOUGH = 2000
-"""Samples beyond which the widths of the loop are tried on every k-th reading only."""
+_CHEAP = 1000
+"""Samples up to which several trials are followed by a few Gauss-Newton steps."""
 
 
 @final
@@ -187,6 +190,27 @@ class _Search:
             theta, cost = moved, after
         return cost, dict(unknown.values(theta))
 
+    @property
+    def samples(self) -> int:
+        """Samples of the record."""
+        return len(self.question.campaign.records[0])
+
+    def free(self, name: str) -> bool:
+        """Whether a parameter of the model is an unknown without a given start."""
+        declared = self.question.model.parameters.get(name)
+        if declared is None or name in self.question.fixed or name in self.question.values:
+            return False
+        return not declared.fixed or name in self.question.free
+
+    def followed(self, start: dict[str, float]) -> tuple[float, dict[str, float]]:
+        """Cost and values after some Gauss-Newton steps in all unknowns."""
+        objective, unknown = self._ready(start)
+        solution = LevenbergMarquardt(iterations=15, tolerance=1e-5).minimise(
+            objective, theta_of(unknown, start)
+        )
+        cost = objective.cost(objective.residual(solution.theta))
+        return cost, dict(unknown.values(solution.theta))
+
     def misfit(self, start: dict[str, float]) -> FloatArray:
         """Measured minus modelled on all samples of the first record."""
         objective, unknown = self._ready(start)
@@ -197,13 +221,25 @@ class _Search:
 def _scan_widths(
     search: _Search, start: dict[str, float], widths: list[str], swing: float
 ) -> dict[str, float]:
-    best_cost, best = search.trial(start)
+    """The best of a few widths and roundnesses of the loop.
+
+    The cost has a second minimum where the loop opens instead of closing (gamma < 0). Where the
+    simulation is cheap the best few trials are followed for some steps before one is chosen.
+    """
+    trials = [search.trial(start)]
     for name in widths:
+        beside = f"{name.rpartition('.')[0]}.gamma"
+        shares = _ROUNDNESSES if search.free(beside) else (0.0,)
         for width in _WIDTHS:
-            cost, found = search.trial({**start, name: width / swing})
-            if cost < best_cost:
-                best_cost, best = cost, found
-    return best
+            for share in shares:
+                trial = {**start, name: width / swing}
+                if search.free(beside):
+                    trial[beside] = share * width / swing
+                trials.append(search.trial(trial))
+    trials.sort(key=lambda pair: pair[0])
+    if search.samples > _CHEAP or len(trials) == 1:
+        return trials[0][1]
+    return min((search.followed(found) for _, found in trials[:6]), key=lambda pair: pair[0])[1]
 
 
 def _scan_resonance(

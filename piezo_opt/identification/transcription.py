@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, final
+from typing import Protocol, cast, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +66,7 @@ class SingleShooting:
                 f"{type(chosen).__name__} solves nonlinear programs, not residuals: use it with "
                 "transcription=MultipleShooting() or Collocation(), or take LevenbergMarquardt()."
             )
-        taken: ResidualSolver = chosen
+        taken = cast(ResidualSolver, chosen)
         objective = Objective(question, unknowns, start, monitor)
         solution = taken.minimise(objective, start)
         if objective.refine(solution.theta):

@@ -1,0 +1,137 @@
+"""A fit as the point from which absent effects are scored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.effects.base import Effect
+from piezo_opt.identification import Fit, Start
+from piezo_opt.identification.monitor import Monitor
+from piezo_opt.identification.objective import Objective
+from piezo_opt.identification.shapes import shape_grid
+from piezo_opt.identification.unknowns import theta_of, unknowns
+from piezo_opt.simulation import Initial, Simulator, Substeps
+
+FloatArray = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """How the reading moves when a gate is opened, for one set of shapes.
+
+    Attributes:
+        shapes: own shape values.
+        whole: (M,) derivative of the counted readings by the gate.
+        projected: (M,) what is left after the fitted parameters have explained their share.
+    """
+
+    shapes: dict[str, float]
+    whole: FloatArray
+    projected: FloatArray
+
+
+@final
+class BasePoint:
+    """Residual, Jacobian and their projector at a fit; derivatives by absent gates."""
+
+    def __init__(self, fit: Fit) -> None:
+        self.fit = fit
+        self.question = fit.question
+        start = {**fit.values}
+        self._unknowns = unknowns(self.question, fit.values)
+        theta = theta_of(self._unknowns, start)
+        self._objective = Objective(self.question, self._unknowns, theta, Monitor(fit.names))
+        for simulator, accuracy in zip(self._objective.simulators, fit.accuracy, strict=True):
+            simulator.accuracy = accuracy
+        point = self._objective.linearised(theta)
+        self._theta = theta
+        m = self._objective.samples
+        free = [k for k, n in enumerate(fit.names) if n not in fit.at_bound]
+        scaled = (point.jacobian * self._unknowns.scale)[:m, free]
+        norms = np.linalg.norm(scaled, axis=0)
+        kept = norms > 1e-14 * norms.max(initial=0.0)
+        u, s, _ = np.linalg.svd(scaled[:, kept] / norms[kept], full_matrices=False)
+        self._basis = u[:, s > 1e-9 * s.max(initial=0.0)] if s.size else u
+        self.residual = self.project(-point.residual[:m])
+        """Measured minus modelled (M,), less what a Gauss-Newton step would still explain."""
+
+    @property
+    def samples(self) -> int:
+        """Counted samples."""
+        return self._objective.samples
+
+    @property
+    def unknowns(self) -> int:
+        """Rank of the Jacobian."""
+        return int(self._basis.shape[1])
+
+    def project(self, column: FloatArray) -> FloatArray:
+        """What the fitted parameters do not explain of a column."""
+        return np.asarray(column - self._basis @ (self._basis.T @ column))
+
+    def directions(self, effect: Effect) -> list[Direction]:
+        """Derivatives by the gate of an effect that is not in the model, over its shape grid.
+
+        Raises:
+            ModelError: the model cannot take the effect.
+        """
+        model = self.question.model + effect
+        name = model.names[-1]
+        gate = f"{name}.{effect.gate}"
+        null = effect.parameters[effect.gate or ""].null
+        records = self.question.campaign.records
+        grid = shape_grid(effect, records[0], records[0].position - self.fit.readings[0])
+        simulators: dict[float, list[Simulator]] = {}
+        found = []
+        for shapes in grid:
+            own = {f"{name}.{k}": v for k, v in shapes.items()}
+            quick = min(
+                (v for k, v in shapes.items() if effect.parameters[k].unit == "s"),
+                default=np.inf,
+            )
+            fast = max(
+                (v for k, v in shapes.items() if effect.parameters[k].unit == "rad/s"),
+                default=0.0,
+            )
+            finest = min(quick, 1.0 / fast if fast > 0 else np.inf)
+            # An explicit scheme is stable up to 2.7 time constants; one is accurate enough here.
+            key = float(2.0 ** np.floor(np.log2(finest))) if np.isfinite(finest) else np.inf
+            columns = []
+            for index, record in enumerate(records):
+                numbers = {
+                    **{f"{name}.{k}": p.nominal for k, p in effect.parameters.items()},
+                    **self._unknowns.of_record(index, self._theta),
+                    **own,
+                    gate: float(null if null is not None else 0.0),
+                }
+                if key not in simulators:
+                    simulators[key] = []
+                if len(simulators[key]) <= index:
+                    base = self.fit.accuracy[index].substeps
+                    simulators[key].append(
+                        Simulator(
+                            model,
+                            record,
+                            numbers,
+                            directions=(gate,),
+                            initial=(
+                                Initial.PERIODIC
+                                if self.question.start_of(record) is Start.PERIODIC
+                                else Initial.REST
+                            ),
+                            runtime=self.question.free,
+                            substeps=Substeps(min(base.longest, key), base.largest_move),
+                        )
+                    )
+                _, slope = simulators[key][index].with_sensitivities(numbers)
+                columns.append(slope[record.counted, 0])
+            whole = np.concatenate(columns)
+            if not np.isfinite(whole).all():
+                continue
+            found.append(Direction(shapes, whole, self.project(whole)))
+        return found

@@ -1,0 +1,253 @@
+"""The whole way from a fit to the missing effect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, final
+
+from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.held_out import HeldOut, hold_out
+from piezo_opt.diagnosis.ladder import Ladder, Step, climb
+from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
+from piezo_opt.diagnosis.scores import Suspect, Unscored, score
+from piezo_opt.diagnosis.structure import Structure, structure
+from piezo_opt.effects.base import Effect
+from piezo_opt.effects.catalogue import CATALOGUE
+from piezo_opt.errors import ModelError
+from piezo_opt.identification import Fit, LevenbergMarquardt, solve
+from piezo_opt.measurement import Measurement
+from piezo_opt.units import show
+
+SCHEMA = "piezo_opt/diagnosis/1"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What is missing from a fitted model.
+
+    Attributes:
+        fit: the fit that was diagnosed.
+        final: the fit at the top of the ladder, on all of the fitted records.
+        verdict: ``"complete"``, ``"missing"`` or ``"unexplained"``; ``"open"`` without a ladder.
+        noise: the noise floor.
+        suspects: scores of every candidate at the fit, likeliest first.
+        unscored: candidates that could not be scored, and why.
+        steps: accepted effects.
+        refined: parameters of the base model that had to be freed.
+        dropped: effects that a later step made unnecessary.
+        structure: signs of structure in the final residual.
+        held_out: how the judging data were chosen.
+    """
+
+    fit: Fit
+    final: Fit
+    verdict: str
+    noise: NoiseFloor
+    suspects: tuple[Suspect, ...]
+    unscored: tuple[Unscored, ...]
+    steps: tuple[Step, ...] = ()
+    refined: tuple[str, ...] = ()
+    dropped: tuple[str, ...] = ()
+    structure: Structure = field(default_factory=lambda: Structure(False, ()))
+    held_out: str = ""
+
+    def best(self) -> Effect:
+        """The likeliest missing effect, to be added with ``model + diagnosis.best()``.
+
+        Raises:
+            ModelError: nothing is significant.
+        """
+        if self.steps:
+            return self.steps[0].effect
+        for suspect in self.suspects:
+            if suspect.p_value < 1e-3 and not suspect.wrong_side:
+                return suspect.effect
+        raise ModelError(
+            "No candidate explains more than noise would: there is nothing to add. Look at "
+            "diagnosis.structure, or offer effects of your own (candidates=...)."
+        )
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """What to do next, in sentences."""
+        sentences: list[str] = []
+        for step in self.steps:
+            if len(step.group) > 1:
+                sentences.append(
+                    f"{step.name} cannot be told from {', '.join(n for n in step.group[1:])} on "
+                    "this record: the answer is the group."
+                )
+        blind = [s.name for s in self.suspects if s.visibility < 0.01]
+        if blind:
+            sentences.append(
+                f"This record could not have shown {', '.join(blind)}: their effect is hidden "
+                "behind the fitted parameters."
+            )
+        if not self.noise.measured:
+            sentences.append(
+                "The noise floor is estimated, not measured: repeat the drive at least twice."
+            )
+        return tuple(sentences)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, lengths in metres, with a ``schema`` key."""
+        return {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "noise_rms": self.noise.rms,
+            "noise_measured": self.noise.measured,
+            "rms_baseline": self.fit.rms,
+            "rms_final": self.final.rms,
+            "steps": [
+                {
+                    "effect": s.name,
+                    "group": list(s.group),
+                    "rms_before": s.rms_before,
+                    "rms_after": s.rms_after,
+                    "held_out_before": s.held_out_before,
+                    "held_out_after": s.held_out_after,
+                    "delta_bic": s.delta_bic,
+                    "p_value": s.p_value,
+                    "parameters": {
+                        n: {"value": s.fit.values[n], "std": s.fit.std.get(n)}
+                        for n in s.fit.names
+                        if n.startswith(f"{s.name}.")
+                    },
+                }
+                for s in self.steps
+            ],
+            "suspects": [
+                {
+                    "effect": s.name,
+                    "score": s.score,
+                    "predicted_rms": s.predicted_rms,
+                    "visibility": s.visibility,
+                    "overlaps": [list(pair) for pair in s.overlaps],
+                    "p_value": s.p_value,
+                }
+                for s in self.suspects
+            ],
+            "unscored": [{"effect": u.name, "why": u.why} for u in self.unscored],
+            "refined": list(self.refined),
+            "dropped": list(self.dropped),
+            "unexplained": None,
+            "clues": list(self.structure.clues),
+            "advice": list(self.advice),
+        }
+
+    def __str__(self) -> str:
+        lines = [_headline(self), "", self.noise.sentence, self.held_out, ""]
+        lines.append(f"  {'suspect':<22} {'explains':>9} {'rms then':>10} {'visible':>8} {'p':>9}")
+        for s in self.suspects[:8]:
+            lines.append(
+                f"  {s.name:<22} {100 * s.score:>7.1f} % {show(s.predicted_rms, 'm'):>10} "
+                f"{100 * s.visibility:>6.0f} % {s.p_value:>9.1e}"
+            )
+        if self.steps:
+            lines += ["", f"  {'ladder':<22} {'rms':>10} {'held out':>10} {'BIC falls':>10}"]
+            first = self.steps[0]
+            held = "" if first.held_out_before is None else show(first.held_out_before, "m")
+            lines.append(f"  {'baseline':<22} {show(first.rms_before, 'm'):>10} {held:>10}")
+            for step in self.steps:
+                held = "" if step.held_out_after is None else show(step.held_out_after, "m")
+                lines.append(
+                    f"  {'+ ' + step.name:<22} {show(step.rms_after, 'm'):>10} {held:>10} "
+                    f"{step.delta_bic:>10.0f}"
+                )
+        for title, sentences in (
+            ("What is left", self.structure.clues),
+            ("Advice", self.advice),
+            ("Not scored", tuple(f"{u.name}: {u.why}" for u in self.unscored)),
+        ):
+            if sentences:
+                lines += ["", f"{title}:", *(f"  - {s}" for s in sentences)]
+        return "\n".join(lines)
+
+
+def diagnose(
+    fit: Fit,
+    *,
+    test: Measurement | None = None,
+    candidates: Sequence[Effect | type[Effect]] = (),
+    withhold: Sequence[str] = (),
+    ladder: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Name what is missing from a fitted model, and prove it on data that was not fitted.
+
+    Args:
+        fit: the baseline.
+        test: a record to judge on; else the last part of a lone record is held out.
+        candidates: effects of the user's own, beside the whole catalogue.
+        withhold: catalogue names that shall not be considered.
+        ladder: False stops after the scores.
+        progress: called with sentences about what is going on.
+    """
+    tell = progress if progress is not None else _silent
+    offered = [
+        *(kind() for name, kind in CATALOGUE.items() if not kind.structural and
+          name not in withhold),
+        *(c() if isinstance(c, type) else c for c in candidates),
+    ]  # fmt: skip
+    noise = noise_floor(fit)
+    if not ladder:
+        left = [e for e in offered if e.name not in fit.model]
+        suspects, unscored = score(BasePoint(fit), left)
+        return Diagnosis(fit, fit, "open", noise, suspects, unscored)
+    held = hold_out(fit.question, test)
+    baseline = _on(held, fit)
+    climbed = climb(baseline, held, offered, tell)
+    final = _whole(fit, climbed)
+    floor = noise_floor(final)
+    left_over = structure(final, floor)
+    explained = "missing" if climbed.steps else "complete"
+    verdict = "unexplained" if left_over.left else explained
+    return Diagnosis(
+        fit=fit,
+        final=final,
+        verdict=verdict,
+        noise=floor,
+        suspects=climbed.suspects,
+        unscored=climbed.unscored,
+        steps=climbed.steps,
+        refined=climbed.refined,
+        dropped=climbed.dropped,
+        structure=left_over,
+        held_out=held.sentence,
+    )
+
+
+def _silent(_: str) -> None:
+    return None
+
+
+def _on(held: HeldOut, fit: Fit) -> Fit:
+    """The baseline on the part that is fitted."""
+    if held.question is fit.question:
+        return fit
+    return solve(held.question, start=fit.values, solver=LevenbergMarquardt(iterations=60))
+
+
+def _whole(fit: Fit, climbed: Ladder) -> Fit:
+    """The final model on all of the records."""
+    if not climbed.steps and not climbed.refined:
+        return fit
+    if climbed.final.records == fit.records:
+        return climbed.final
+    question = climbed.final.question.with_records(fit.question.campaign)
+    return solve(question, start=climbed.final.values)
+
+
+def _headline(diagnosis: Diagnosis) -> str:
+    before, after = show(diagnosis.fit.rms, "m"), show(diagnosis.final.rms, "m")
+    if diagnosis.verdict == "open":
+        return f"Scores at the fit (rms {before}); nothing was refitted."
+    if diagnosis.verdict == "complete":
+        return f"Complete: the residual of {before} is noise as far as this record can tell."
+    names = ", ".join(s.name for s in diagnosis.steps)
+    if diagnosis.verdict == "missing":
+        return f"Missing: {names}. The error falls from {before} to {after}."
+    found = f"With {names} the error falls from {before} to {after}, but " if names else ""
+    return f"Unexplained: {found}structure is left that no effect of the catalogue explains."

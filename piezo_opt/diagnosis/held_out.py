@@ -1,0 +1,94 @@
+"""Data that decides: what is held out, and whether a richer model really predicts it better."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.diagnosis.scores import long_run_variance
+from piezo_opt.identification import Fit, Identification
+from piezo_opt.measurement import Measurement
+
+FloatArray = NDArray[np.float64]
+
+SHARE = 0.3
+"""Last part of a lone record that is held out and simulated through."""
+FEWEST = 300
+"""Counted samples below which a record is too short to be parted."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """What to fit on, what to judge on, and how that was chosen.
+
+    Attributes:
+        question: the question on the part that is fitted.
+        record: the record judged on; None where nothing could be held out.
+        sentence: the choice in words.
+    """
+
+    question: Identification
+    record: Measurement | None
+    sentence: str
+
+
+def hold_out(question: Identification, test: Measurement | None) -> HeldOut:
+    """Choose what is held out: the given record, else the last part of a lone one, else nothing."""
+    records = question.campaign.records
+    if test is not None:
+        return HeldOut(question, test, f"Judged on the record '{test.name}', which is not fitted.")
+    if len(records) > 1:
+        *fitted, last = records
+        return HeldOut(
+            question.with_records(tuple(fitted)),
+            last,
+            f"Judged on the record '{last.name}', held out from the fit.",
+        )
+    record = records[0]
+    if record.period is not None or int(record.counted.sum()) < FEWEST:
+        why = "periodic" if record.period is not None else "too short to be parted"
+        return HeldOut(
+            question, None, f"The record is {why}: nothing is held out, BIC alone decides."
+        )
+    at = float(record.time[int((1.0 - SHARE) * len(record))])
+    train, held = record.split(at=at)
+    return HeldOut(
+        question.with_records(train),
+        held,
+        f"Judged on the last {100 * SHARE:.0f} % of the record, simulated through from the fit.",
+    )
+
+
+def error_on(fit: Fit, record: Measurement | None) -> FloatArray | None:
+    """Counted errors of a fit on a record [m]; None without a record."""
+    if record is None:
+        return None
+    return np.asarray((record.position - fit.predict(record))[record.counted])
+
+
+def rms(error: FloatArray | None) -> float | None:
+    """Root mean square, None for None."""
+    return None if error is None else float(np.sqrt(np.mean(error**2)))
+
+
+def agrees(before: FloatArray | None, after: FloatArray | None) -> bool:
+    """Whether the held-out error fell beyond chance (one-sided, 2.5 %), or nothing is held out.
+
+        z = mean(e0^2 - e1^2) / sqrt(long-run variance / N) > 1.96
+
+    Source: Diebold & Mariano (1995), J. Business & Economic Statistics 13(3), 253-263.
+    """
+    if before is None or after is None:
+        return True
+    if not np.isfinite(after).all():
+        return False
+    gain = before**2 - after**2
+    mean = float(gain.mean())
+    if mean <= 0:
+        return False
+    variance = long_run_variance(gain - mean)
+    return mean > 1.96 * float(np.sqrt(variance / gain.size))

@@ -1,0 +1,261 @@
+"""The ladder: add the likeliest effect, refit, let BIC and held-out data decide, repeat, prune."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, rms
+from piezo_opt.diagnosis.scores import Suspect, Unscored, effective_samples, score
+from piezo_opt.effects.base import Effect
+from piezo_opt.identification import Fit, LevenbergMarquardt, solve
+
+FloatArray = NDArray[np.float64]
+
+SIGNIFICANT = 1e-3
+"""Corrected p-value below which a suspect is worth a refit."""
+STRONG = 10.0
+"""Difference of BIC that counts as very strong evidence (Kass & Raftery 1995)."""
+_SHORTLIST = 6
+_MOST_STEPS = 4
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One accepted effect.
+
+    Attributes:
+        name: the effect.
+        effect: the object that was added.
+        group: names that this record cannot tell it from, itself included.
+        rms_before, rms_after: error on the fitted records [m].
+        held_out_before, held_out_after: error on the held-out record [m], None without one.
+        delta_bic: by how much BIC fell.
+        p_value: of its score, corrected for the search.
+        fit: the fit with it.
+    """
+
+    name: str
+    effect: Effect
+    group: tuple[str, ...]
+    rms_before: float
+    rms_after: float
+    held_out_before: float | None
+    held_out_after: float | None
+    delta_bic: float
+    p_value: float
+    fit: Fit
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Ladder:
+    """All rungs.
+
+    Attributes:
+        baseline: the fit at the foot, on the fitted part of the records.
+        final: the fit at the top.
+        steps: accepted effects in order.
+        suspects: scores of all candidates at the foot.
+        unscored: candidates that could not be scored, and why.
+        last_suspects: scores at the top.
+        refined: parameters that had to be freed in the base model (an exponent), no new effect.
+        dropped: effects that a later step made unnecessary.
+    """
+
+    baseline: Fit
+    final: Fit
+    steps: tuple[Step, ...]
+    suspects: tuple[Suspect, ...]
+    unscored: tuple[Unscored, ...]
+    last_suspects: tuple[Suspect, ...]
+    refined: tuple[str, ...]
+    dropped: tuple[str, ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Rung:
+    suspect: Suspect | None
+    fit: Fit
+    delta_bic: float
+
+
+def climb(
+    baseline: Fit,
+    held: HeldOut,
+    candidates: Sequence[Effect],
+    tell: Callable[[str], None] = lambda _: None,
+    threads: int = 2,
+) -> Ladder:
+    """Climb from a baseline fit (of ``held.question``).
+
+    Args:
+        baseline: the fit at the foot.
+        held: what decides beside BIC.
+        candidates: effects that may be added.
+        tell: called with a sentence about what is going on.
+        threads: refits that run at a time.
+    """
+    fit = baseline
+    tell("scoring every absent effect")
+    suspects, unscored = score(BasePoint(fit), _left(candidates, fit), threads)
+    first, now = suspects, suspects
+    steps: list[Step] = []
+    refined: list[str] = []
+    error = error_on(fit, held.record)
+    while len(steps) < _MOST_STEPS:
+        likely = [s for s in now if s.p_value < SIGNIFICANT]
+        if not likely:
+            break
+        short = _shortlist(likely)
+        tell(f"refitting with {', '.join(s.name for s in short)}")
+        rungs = _refits(fit, short, threads)
+        rungs += [r for r in _refinements(fit) if r.delta_bic > STRONG]
+        rungs = sorted((r for r in rungs if r.delta_bic > STRONG), key=lambda r: -r.delta_bic)
+        taken: _Rung | None = None
+        for rung in rungs:
+            after = error_on(rung.fit, held.record)
+            if agrees(error, after):
+                taken = rung
+                break
+        if taken is None:
+            break
+        if taken.suspect is None:
+            freed = [n for n in taken.fit.question.free if n not in fit.question.free]
+            refined += freed
+            tell(f"freed {', '.join(freed)}")
+        else:
+            steps.append(
+                Step(
+                    name=taken.suspect.name,
+                    effect=taken.suspect.effect,
+                    group=_group(taken, rungs, now),
+                    rms_before=fit.rms,
+                    rms_after=taken.fit.rms,
+                    held_out_before=rms(error),
+                    held_out_after=rms(after),
+                    delta_bic=taken.delta_bic,
+                    p_value=taken.suspect.p_value,
+                    fit=taken.fit,
+                )
+            )
+            tell(f"accepted {taken.suspect.name}")
+        fit, error = taken.fit, after
+        now, _ = score(BasePoint(fit), _left(candidates, fit), threads)
+    fit, kept, dropped = _prune(fit, steps)
+    return Ladder(baseline, fit, tuple(kept), first, unscored, now, tuple(refined), tuple(dropped))
+
+
+def bic_gain(before: Fit, after: Fit) -> float:
+    """By how much BIC falls from one fit to a richer one, on as many samples as carry news.
+
+        N_e ln(SSR_0 / SSR_1) - (k_1 - k_0) ln N_e
+
+    with N_e the effective number of samples, from the richer fit's residuals.
+
+    Source: Schwarz (1978), Annals of Statistics 6(2), 461-464.
+    """
+    n = effective_samples(after.residuals)
+    ssr0, ssr1 = (
+        float(before.residuals @ before.residuals),
+        float(after.residuals @ after.residuals),
+    )
+    if not np.isfinite(ssr1) or ssr1 <= 0:
+        return -np.inf
+    more = len(after.names) - len(before.names)
+    return n * float(np.log(ssr0 / ssr1)) - more * float(np.log(max(n, 2.0)))
+
+
+def _left(candidates: Sequence[Effect], fit: Fit) -> list[Effect]:
+    return [e for e in candidates if e.name not in fit.model]
+
+
+def _shortlist(likely: Sequence[Suspect]) -> list[Suspect]:
+    """The best few, each by what it would explain."""
+    top = likely[0].score
+    return [s for s in likely if s.score > 0.1 * top][:_SHORTLIST]
+
+
+def refit(fit: Fit, suspect: Suspect, iterations: int = 40) -> Fit:
+    """The model with a suspect, started at its one-step size, shapes free."""
+    model = fit.model + suspect.effect
+    name = model.names[-1]
+    gate = suspect.effect.parameters[suspect.effect.gate or ""]
+    size = float(np.clip(suspect.size, *gate.bounds))
+    start = {
+        **fit.values,
+        **{f"{name}.{k}": v for k, v in suspect.shapes.items()},
+        f"{name}.{suspect.effect.gate}": size,
+    }
+    question = fit.question.with_model(model)
+    return solve(question, start=start, solver=LevenbergMarquardt(iterations=iterations))
+
+
+def _refits(fit: Fit, short: Sequence[Suspect], threads: int) -> list[_Rung]:
+    def one(suspect: Suspect) -> _Rung | None:
+        try:
+            richer = refit(fit, suspect)
+        except (ArithmeticError, ValueError):
+            return None
+        return _Rung(suspect, richer, bic_gain(fit, richer))
+
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        return [rung for rung in pool.map(one, short) if rung is not None]
+
+
+def _refinements(fit: Fit) -> list[_Rung]:
+    """The base model's own exponents freed: a loop of another roundness is no missing effect."""
+    rungs = []
+    for name, effect in fit.model:
+        for own, parameter in effect.parameters.items():
+            full = f"{name}.{own}"
+            exponent = parameter.fixed and parameter.unit == "1" and effect.structural
+            if exponent and full not in fit.question.free and full not in fit.question.fixed:
+                question = replace(fit.question, free=(*fit.question.free, full))
+                start = {**fit.values, full: parameter.nominal + 0.05}
+                richer = solve(question, start=start, solver=LevenbergMarquardt(iterations=40))
+                rungs.append(_Rung(None, richer, bic_gain(fit, richer)))
+    return rungs
+
+
+def _group(taken: _Rung, rungs: Sequence[_Rung], suspects: Sequence[Suspect]) -> tuple[str, ...]:
+    """Refitted rivals within strong evidence of the best, and directions nearly parallel to it."""
+    assert taken.suspect is not None
+    names = [taken.suspect.name]
+    for rung in rungs:
+        if rung.suspect is not None and taken.delta_bic - rung.delta_bic < STRONG:
+            names.append(rung.suspect.name)
+    refitted = {r.suspect.name for r in rungs if r.suspect is not None}
+    for suspect in suspects:
+        if suspect.name not in refitted and not suspect.wrong_side:
+            cosine = abs(float(suspect.direction @ taken.suspect.direction))
+            if cosine > 0.995:
+                names.append(suspect.name)
+    return tuple(dict.fromkeys(names))
+
+
+def _prune(fit: Fit, steps: list[Step]) -> tuple[Fit, list[Step], list[str]]:
+    """Drop what a later step made unnecessary: BIC does not rise without it."""
+    kept, dropped = list(steps), []
+    for step in steps[:-1]:
+        name = next((n for n, e in fit.model if e is step.effect or n == step.name), None)
+        if name is None:
+            continue
+        poorer = solve(
+            fit.question.with_model(fit.model.without(name)),
+            start=fit.values,
+            solver=LevenbergMarquardt(iterations=40),
+        )
+        if bic_gain(poorer, fit) < 0.5 * STRONG:
+            fit = poorer
+            kept.remove(step)
+            dropped.append(step.name)
+    return fit, kept, dropped

@@ -1,0 +1,100 @@
+"""The noise floor: what no model can explain, from periods, or from the record itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from piezo_opt.identification import Fit
+from piezo_opt.measurement import Measurement
+from piezo_opt.units import show
+
+FloatArray = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True)
+class NoiseFloor:
+    """Root mean square of the reading's noise [m], where it comes from, and how sure.
+
+    Attributes:
+        rms: estimate [m].
+        low, high: 95 % range [m].
+        measured: whether it comes from repetitions (else from the record's highest frequencies,
+            where coloured noise hides: then it is a lower bound).
+        sentence: the same in words.
+    """
+
+    rms: float
+    low: float
+    high: float
+    measured: bool
+    sentence: str
+
+
+def noise_floor(fit: Fit) -> NoiseFloor:
+    """Noise of the reading over the records of a fit.
+
+    From the differences between periods where every record has at least two; otherwise from the
+    spectrum of the residual in the upper third of the frequencies, taken as the level of white
+    noise, and never below what rounding alone leaves (step / sqrt(12)).
+
+    Source: Pintelon & Schoukens (2012), System Identification, 2nd ed., sec. 2.5.
+    """
+    records = fit.records
+    if all(r.periods >= 2 for r in records):
+        values = [r.noise_from_periods() for r in records]
+        rms = float(np.sqrt(np.mean(np.square(values))))
+        dof = sum((r.periods - 1) * len(r) / max(1, r.periods) for r in records)
+        spread = 1.96 / np.sqrt(2.0 * max(1.0, dof))
+        return NoiseFloor(
+            rms,
+            rms * (1.0 - min(0.9, spread)),
+            rms * (1.0 + spread),
+            True,
+            f"The noise floor is {show(rms, 'm')} rms, from the differences between periods.",
+        )
+    power, count, rounding = 0.0, 0.0, 0.0
+    samples = 0
+    for index, record in enumerate(records):
+        level, bins = _high_frequency(fit.residual(index), record)
+        n = int(record.counted.sum())
+        power += n * level
+        count += bins
+        samples += n
+        step = record.resolution
+        rounding += n * (step**2 / 12.0 if step is not None else 0.0)
+    rms = float(np.sqrt(max(power, rounding) / samples))
+    spread = 1.96 / np.sqrt(2.0 * max(2.0, count))
+    rounded = rounding > power
+    sentence = (
+        f"The noise floor is {show(rms, 'm')} rms, "
+        + (
+            "what the rounding of the reading alone leaves"
+            if rounded
+            else "from the highest frequencies of the record; slower noise would come on top"
+        )
+        + ". Repeat the drive at least twice to measure it."
+    )
+    return NoiseFloor(rms, rms * (1.0 - min(0.9, spread)), rms * (1.0 + spread), False, sentence)
+
+
+def _high_frequency(residual: FloatArray, record: Measurement) -> tuple[float, float]:
+    """Variance of white noise at the level of the upper third of the spectrum, and its bins."""
+    n = residual.size
+    if n < 64 or not record.uniform:
+        # Second differences forget everything that is smooth from sample to sample.
+        second = np.diff(residual, 2)
+        mad = float(np.median(np.abs(second - np.median(second))))
+        return (1.4826 * mad) ** 2 / 6.0, n / 3.0
+    length = min(n, max(64, n // 8))
+    f, density = signal.welch(residual, fs=1.0, nperseg=length)
+    top = density[f > 1.0 / 3.0]
+    # The median of a spectrum averaged over few segments lies below its mean.
+    segments = max(1.0, 2.0 * n / length - 1.0)
+    bias = (1.0 - 1.0 / (9.0 * segments)) ** 3
+    return float(np.median(top)) / bias * 0.5, top.size * segments / 2.0

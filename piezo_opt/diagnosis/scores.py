@@ -1,0 +1,252 @@
+"""Which effect: every absent effect scored at its null, without refitting.
+
+For a gate with derivative S, after what the fitted parameters explain (S_perp):
+
+    gain = (S_perp' r)^2 / (S_perp' S_perp)          sum of squares it would explain
+    predicted rms = sqrt((r'r - gain) / N)
+    one-step size = S_perp' r / (S_perp' S_perp)
+    W = gain / v,   v = long-run variance of the score (correlated noise allowed for)
+
+W is chi-squared with one degree of freedom when the effect is absent. The best over a grid of
+shapes is taken and paid for: p is multiplied by the number of distinguishable shapes and of
+effects looked at.
+
+Sources: Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57 (score test); Davies (1987), Biometrika
+74(1), 33-43 (a parameter present only under the alternative); Newey & West (1987), Econometrica
+55(3), 703-708.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from piezo_opt.diagnosis.base_point import BasePoint, Direction
+from piezo_opt.effects.base import Effect
+from piezo_opt.errors import PiezoOptError
+
+FloatArray = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Suspect:
+    """One absent effect and what it would explain.
+
+    Attributes:
+        effect: the effect, ready to be added.
+        name: its snake_case name.
+        score: share of the residual's sum of squares that it would explain, 0..1.
+        predicted_rms: error after adding it [m].
+        visibility: |S_perp| / |S|: could this record have shown it (0 no, 1 fully).
+        overlaps: names it could be mistaken for, with the cosine between their directions.
+        p_value: chance of such a score by noise alone, corrected for the search.
+        size: one-step value of the gate.
+        shapes: best shape values by own name.
+        wrong_side: whether a one-sided gate would have to move to its forbidden side.
+        direction: S_perp (M,) of the best shapes, of length one.
+    """
+
+    effect: Effect
+    name: str
+    score: float
+    predicted_rms: float
+    visibility: float
+    overlaps: tuple[tuple[str, float], ...]
+    p_value: float
+    size: float
+    shapes: dict[str, float]
+    wrong_side: bool
+    direction: FloatArray
+
+
+@final
+@dataclass(frozen=True)
+class Unscored:
+    """An effect that could not be scored, and why."""
+
+    name: str
+    why: str
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Best:
+    effect: Effect
+    direction: Direction
+    gain: float
+    statistic: float
+    size: float
+    wrong_side: bool
+    looks: float
+
+
+def score(
+    point: BasePoint, candidates: Sequence[Effect], threads: int = 2
+) -> tuple[tuple[Suspect, ...], tuple[Unscored, ...]]:
+    """Score candidates at a fit; suspects come likeliest first."""
+
+    def one(effect: Effect) -> _Best | Unscored:
+        channels = tuple(point.question.campaign.records[0].channels)
+        refusal = point.question.model.refusal(effect, channels)
+        if refusal is not None:
+            return Unscored(effect.name, refusal)
+        try:
+            directions = point.directions(effect)
+        except PiezoOptError as error:
+            return Unscored(effect.name, str(error))
+        except Exception as error:
+            return Unscored(effect.name, _where(error))
+        if not directions:
+            return Unscored(effect.name, "its sensitivities are not finite on this record.")
+        return _best(effect, directions, point.residual)
+
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        answers = list(pool.map(one, candidates))
+    best = [a for a in answers if isinstance(a, _Best)]
+    unscored = tuple(a for a in answers if isinstance(a, Unscored))
+    searched = max(1, len(best))
+    r = point.residual
+    total = float(r @ r)
+    units = []
+    for b in best:
+        length = float(np.linalg.norm(b.direction.projected))
+        units.append(b.direction.projected / length if length > 0 else b.direction.projected)
+    suspects = []
+    for i, b in enumerate(best):
+        whole = float(np.linalg.norm(b.direction.whole))
+        visibility = float(np.linalg.norm(b.direction.projected)) / whole if whole > 0 else 0.0
+        overlaps = sorted(
+            (
+                (best[j].effect.name, float(abs(units[i] @ units[j])))
+                for j in range(len(best))
+                if j != i
+            ),
+            key=lambda pair: -pair[1],
+        )
+        gain = 0.0 if b.wrong_side else b.gain
+        p = float(stats.chi2.sf(b.statistic, 1)) * b.looks * searched
+        suspects.append(
+            Suspect(
+                effect=b.effect,
+                name=b.effect.name,
+                score=gain / total if total > 0 else 0.0,
+                predicted_rms=float(np.sqrt(max(0.0, total - gain) / r.size)),
+                visibility=visibility,
+                overlaps=tuple((n, round(c, 4)) for n, c in overlaps if c > 0.5),
+                p_value=1.0 if b.wrong_side else min(1.0, p),
+                size=b.size,
+                shapes=dict(b.direction.shapes),
+                wrong_side=b.wrong_side,
+                direction=units[i],
+            )
+        )
+    suspects.sort(key=lambda s: (-s.score, s.p_value))
+    return tuple(suspects), unscored
+
+
+def _best(effect: Effect, directions: list[Direction], r: FloatArray) -> _Best:
+    gate = effect.parameters[effect.gate or ""]
+    null = gate.null if gate.null is not None else 0.0
+    top: _Best | None = None
+    seen: list[FloatArray] = []
+    for d in directions:
+        power = float(d.projected @ d.projected)
+        whole = float(d.whole @ d.whole)
+        if power <= 1e-18 * whole or power == 0.0:
+            continue
+        along = float(d.projected @ r)
+        size = along / power
+        wrong = (size < 0 and gate.bounds[0] >= null) or (size > 0 and gate.bounds[1] <= null)
+        gain = along**2 / power
+        unit = d.projected / np.sqrt(power)
+        if all(abs(float(unit @ other)) < 0.95 for other in seen):
+            seen.append(unit)
+        better = top is None or (top.wrong_side, -top.gain) > (wrong, -gain)
+        if better:
+            top = _Best(effect, d, gain, 0.0, size, wrong, 1.0)
+    if top is None:
+        blank = Direction(directions[0].shapes, directions[0].whole, 0.0 * directions[0].whole)
+        return _Best(effect, blank, 0.0, 0.0, 0.0, False, 1.0)
+    return _Best(
+        effect,
+        top.direction,
+        top.gain,
+        wald(top.direction.projected, r),
+        top.size,
+        top.wrong_side,
+        float(len(seen)),
+    )
+
+
+def wald(column: FloatArray, r: FloatArray) -> float:
+    """Squared score over its long-run variance, chi-squared with one degree when absent.
+
+    The variance is taken from what is left after the column has explained its share, so that a
+    true effect does not hide behind itself, with Bartlett weights over the residual's memory.
+    """
+    power = float(column @ column)
+    if power == 0.0:
+        return 0.0
+    along = float(column @ r)
+    left = r - column * (along / power)
+    terms = column * left
+    variance = terms.size * long_run_variance(terms, memory(left))
+    floor = float(np.mean(left**2)) * power
+    return along**2 / max(variance, 0.5 * floor, 1e-300)
+
+
+def long_run_variance(terms: FloatArray, lags: int | None = None) -> float:
+    """Newey and West's variance of sqrt(N) times the mean of correlated terms."""
+    n = terms.size
+    lags = memory(terms) if lags is None else min(lags, n // 4)
+    total = float(terms @ terms)
+    for lag in range(1, lags + 1):
+        total += 2.0 * (1.0 - lag / (lags + 1.0)) * float(terms[lag:] @ terms[:-lag])
+    return max(total, 0.1 * float(terms @ terms)) / n
+
+
+def memory(r: FloatArray) -> int:
+    """Lags that matter for a long-run variance: twice the fall of the autocorrelation."""
+    rho = autocorrelation(r)
+    if rho.size == 0:
+        return 0
+    below = np.flatnonzero(rho < 2.0 / np.sqrt(r.size))
+    first = int(below[0]) if below.size else rho.size
+    return min(2 * first, 400)
+
+
+def autocorrelation(r: FloatArray) -> FloatArray:
+    """Autocorrelation at lags 0, 1, ... up to a quarter of the length."""
+    n = r.size
+    if n < 8:
+        return np.zeros(0)
+    centred = r - r.mean()
+    spectrum = np.abs(np.fft.rfft(centred, 1 << int(np.ceil(np.log2(2 * n))))) ** 2
+    rho = np.fft.irfft(spectrum)[: n // 4]
+    return np.asarray(rho / rho[0]) if rho[0] > 0 else np.zeros(0)
+
+
+def effective_samples(r: FloatArray) -> float:
+    """Independent samples that carry as much as N correlated ones, N / (1 + 2 sum rho)."""
+    rho = autocorrelation(r)[1 : 1 + memory(r) // 2]
+    return r.size / max(1.0, 1.0 + 2.0 * float(rho.sum()))
+
+
+def _where(error: Exception) -> str:
+    """An error inside a user's effect, with the line it happened on."""
+    trace = error.__traceback__
+    last = None
+    while trace is not None:
+        last = trace
+        trace = trace.tb_next
+    place = ""
+    if last is not None:
+        place = f" ({last.tb_frame.f_code.co_filename}, line {last.tb_lineno})"
+    return f"equations() raised {type(error).__name__}: {error}{place}."

@@ -1,0 +1,121 @@
+"""Whether what is left is noise: structure that no effect has explained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.noise import NoiseFloor
+from piezo_opt.diagnosis.scores import wald
+from piezo_opt.identification import Fit
+from piezo_opt.measurement import Measurement
+from piezo_opt.units import show
+
+FloatArray = NDArray[np.float64]
+
+_RARE = 1e-4
+
+
+@final
+@dataclass(frozen=True)
+class Structure:
+    """Signs of structure in a residual.
+
+    Attributes:
+        left: whether there is structure beyond noise.
+        clues: sentences, one for each sign.
+    """
+
+    left: bool
+    clues: tuple[str, ...]
+
+
+def structure(fit: Fit, noise: NoiseFloor) -> Structure:
+    """Look for what noise does not do: follow the drive, come in bursts, exceed the floor."""
+    clues: list[str] = []
+    if noise.measured and fit.rms > 1.1 * noise.high:
+        clues.append(
+            f"The residual ({show(fit.rms, 'm')}) is above the measured noise "
+            f"({show(noise.rms, 'm')})."
+        )
+    point = BasePoint(fit)
+    r = point.residual
+    worst, name = _follows_drive(fit, point)
+    if worst < _RARE and fit.rms > 1.02 * noise.rms:
+        clues.append(f"The residual follows the drive: it correlates with {name}.")
+    burst = _bursts(r)
+    if burst is not None:
+        clues.append(burst)
+    return Structure(bool(clues), tuple(clues))
+
+
+def _follows_drive(fit: Fit, point: BasePoint) -> tuple[float, str]:
+    """Smallest corrected p-value over generic functions of the drive, and the function's name."""
+    parts: dict[str, list[FloatArray]] = {}
+    for index, record in enumerate(fit.records):
+        for label, column in _library(record, fit.readings[index]).items():
+            parts.setdefault(label, []).append(column[record.counted])
+    least, named = 1.0, ""
+    for label, columns in parts.items():
+        column = point.project(np.concatenate(columns))
+        p = float(stats.chi2.sf(wald(column, point.residual), 1)) * len(parts)
+        if p < least:
+            least, named = p, label
+    return least, named
+
+
+def _library(record: Measurement, reading: FloatArray) -> dict[str, FloatArray]:
+    """Generic functions of drive, its rate, the position and the time since a reversal."""
+    t = record.time
+    v = (record.drive - record.drive.mean()) / (float(np.ptp(record.drive)) or 1.0)
+    rate = np.gradient(v, t)
+    speed = rate / (float(np.sqrt(np.mean(rate**2))) or 1.0)
+    x = (reading - reading.mean()) / (float(np.ptp(reading)) or 1.0)
+    w = np.gradient(x, t)
+    w = w / (float(np.sqrt(np.mean(w**2))) or 1.0)
+    way = np.sign(speed)
+    turned = np.concatenate([[True], way[1:] * way[:-1] < 0])
+    since = t - np.maximum.accumulate(np.where(turned, t, t[0]))
+    settle = np.log1p(since / record.step)
+    return {
+        "the drive's square": v**2,
+        "the drive's cube": v**3,
+        "the drive's rate": speed,
+        "the size of the drive's rate": np.abs(speed),
+        "the branch (loading or unloading)": way,
+        "the branch times the drive": way * v,
+        "the branch times the drive's square": way * v**2,
+        "the position's square": x**2,
+        "the position's cube": x**3,
+        "the velocity": w,
+        "the sign of the velocity": np.sign(w),
+        "the time since the last reversal": settle,
+        "the time since the last reversal, by branch": settle * way,
+        "the time": t - t.mean(),
+    }
+
+
+def _bursts(r: FloatArray) -> str | None:
+    """Stretches in which the residual is far larger than elsewhere, or jumps in its mean."""
+    n = r.size
+    if n < 400:
+        return None
+    windows = np.array_split(r, 40)
+    power = np.log([float(np.mean(w**2)) + 1e-300 for w in windows])
+    middle = float(np.median(power))
+    spread = 1.4826 * float(np.median(np.abs(power - middle)))
+    expected = np.sqrt(2.0 / (n / 40.0))
+    high = float(power.max() - middle)
+    if high > 6.0 * max(spread, expected) and high > np.log(2.0):
+        where = int(np.argmax(power))
+        return (
+            f"The residual comes in bursts: between {100 * where / 40:.0f} and "
+            f"{100 * (where + 1) / 40:.0f} % of the record it is {np.exp(0.5 * high):.1f} times "
+            "its usual size."
+        )
+    return None
