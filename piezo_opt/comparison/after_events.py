@@ -11,8 +11,8 @@ from scipy import stats
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
 from piezo_opt.comparison.turns import rests, turning_points
+from piezo_opt.comparison.words import brief
 from piezo_opt.measurement import FloatArray
-from piezo_opt.units import show
 
 _PROMINENT: Final = 0.5
 """Share of the rms that the means must range over to be worth a sentence."""
@@ -116,9 +116,9 @@ def _sentence(
     unit = misfit.record.position_unit
     event = "a step" if kind == "step" else "a reversal"
     text = (
-        f"{show(float(f'{since[early]:.2g}'), 's')} after {event} of the drive the measurement is "
+        f"{brief(float(since[early]), 's')} after {event} of the drive the measurement is "
         f"{_ahead(float(mean[early]), unit)} the model, "
-        f"{show(float(f'{since[late]:.2g}'), 's')} after it {_ahead(float(mean[late]), unit)} it"
+        f"{brief(float(since[late]), 's')} after it {_ahead(float(mean[late]), unit)} it"
     )
     lag = np.log10(since[sure])
     if lag.size >= 4 and np.ptp(lag) >= 0.7:
@@ -127,9 +127,9 @@ def _sentence(
         centred = mean[sure] - np.average(mean[sure], weights=weight[sure])
         share = 1.0 - float(np.sum(weight[sure] * left**2) / np.sum(weight[sure] * centred**2))
         if share > 0.9:
-            text += f": {show(abs(float(slope)), unit)} a decade of time"
+            text += f": {brief(abs(float(slope)), unit)} a decade of time"
     return text[0].upper() + text[1:] + "."
 
 
 def _ahead(value: float, unit: str) -> str:
-    return f"{show(abs(float(f'{value:.2g}')), unit)} {'ahead of' if value > 0 else 'behind'}"
+    return f"{brief(abs(value), unit)} {'ahead of' if value > 0 else 'behind'}"

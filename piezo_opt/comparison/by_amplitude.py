@@ -11,8 +11,8 @@ from scipy import stats
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
 from piezo_opt.comparison.turns import turning_points
+from piezo_opt.comparison.words import brief
 from piezo_opt.measurement import FloatArray
-from piezo_opt.units import show
 
 _RATIO: Final = 1.6
 
@@ -70,6 +70,6 @@ def _sentence(misfit: Misfit, swing: FloatArray, rms: FloatArray, count: FloatAr
     unit, drive = misfit.record.position_unit, misfit.record.drive_unit
     return (
         f"The error {'grows' if ratio > 1.0 else 'falls'} with the swing of the drive: "
-        f"{show(float(rms[0]), unit)} rms at {show(float(f'{swing[0]:.3g}'), drive)}, "
-        f"{show(float(rms[-1]), unit)} at {show(float(f'{swing[-1]:.3g}'), drive)}."
+        f"{brief(float(rms[0]), unit)} rms at {brief(float(swing[0]), drive)}, "
+        f"{brief(float(rms[-1]), unit)} at {brief(float(swing[-1]), drive)}."
     )

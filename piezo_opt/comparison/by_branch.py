@@ -11,8 +11,8 @@ from scipy import stats
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
 from piezo_opt.comparison.turns import directions
+from piezo_opt.comparison.words import brief
 from piezo_opt.measurement import FloatArray
-from piezo_opt.units import show
 
 _PROMINENT: Final = 0.4
 """Share of the rms that a mean must reach to be worth a sentence."""
@@ -99,7 +99,7 @@ def _sentence(
     average = float(np.sum(mean[part] * count[part]) / np.sum(count[part]))
     return (
         f"On the {name} branch the measurement reads "
-        f"{show(abs(average), misfit.record.position_unit)} "
+        f"{brief(abs(average), misfit.record.position_unit)} "
         f"{'higher' if average > 0 else 'lower'} than the model between "
         f"{_tidy(edges[first], edges)} and {_tidy(edges[last + 1], edges)} "
         f"{misfit.record.drive_unit}."

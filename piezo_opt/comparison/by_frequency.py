@@ -10,8 +10,8 @@ from scipy import ndimage, signal, stats
 
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
+from piezo_opt.comparison.words import brief
 from piezo_opt.measurement import FloatArray
-from piezo_opt.units import show
 
 _FEWEST: Final = 32
 _FEWEST_SEGMENTS: Final = 4.0
@@ -129,7 +129,7 @@ def _sentence(misfit: Misfit, spectra: ByFrequency, drive: FloatArray, independe
         centre = float(spectra.frequency[int(np.argmax(where))])
         pieces.append(
             f"{100 * spectra.coherent_share:.0f} % of the error's power follows the drive "
-            f"linearly, most of it near {show(float(f'{centre:.3g}'), 'Hz')}: gain, lag or "
+            f"linearly, most of it near {brief(float(centre), 'Hz')}: gain, lag or "
             "resonance are not right there."
         )
     return " ".join(piece for piece in pieces if piece)
@@ -162,8 +162,8 @@ def _tone(misfit: Misfit, spectra: ByFrequency, drive: FloatArray, independent: 
     centre = float(np.sum(frequency[flanks] * power[flanks]) / np.sum(power[flanks]))
     amplitude = float(np.sqrt(2.0 * excess))
     text = (
-        f"A tone of {show(amplitude, misfit.record.position_unit)} amplitude stands out at "
-        f"{show(float(f'{centre:.3g}'), 'Hz')}"
+        f"A tone of {brief(amplitude, misfit.record.position_unit)} amplitude stands out at "
+        f"{brief(float(centre), 'Hz')}"
     )
     top = int(np.argmax(drive))
     around = slice(max(top - 2, 0), top + 3)
@@ -171,7 +171,7 @@ def _tone(misfit: Misfit, spectra: ByFrequency, drive: FloatArray, independent: 
     order = round(centre / main)
     share = float(drive.max() / drive.sum())
     if 2 <= order <= _HARMONICS and share > 0.2 and abs(centre - order * main) < spectra.resolution:
-        text += f", {order} times the drive's {show(float(f'{main:.3g}'), 'Hz')}"
+        text += f", {order} times the drive's {brief(float(main), 'Hz')}"
     elif abs(centre - 50.0) < spectra.resolution < 5.0 or (
         abs(centre - 60.0) < spectra.resolution < 5.0
     ):
@@ -188,5 +188,5 @@ def _band(spectra: ByFrequency, independent: float) -> str:
         return ""
     return (
         f"{100 * below[upper]:.0f} % of the error's power lies below "
-        f"{show(float(f'{frequency[upper]:.3g}'), 'Hz')}."
+        f"{brief(float(frequency[upper]), 'Hz')}."
     )

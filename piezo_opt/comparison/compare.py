@@ -107,7 +107,7 @@ class Comparison:
                     "records": {
                         one.record.name: {
                             **metrics.to_dict(),
-                            "white": noise.white,
+                            "white": noise.white if noise.conclusive else None,
                             "whiteness_p": noise.p_value,
                             "autocorrelation_outside": noise.autocorrelation_outside,
                             "cross_correlation_outside": noise.cross_correlation_outside,
@@ -206,6 +206,12 @@ def _listed(names: Sequence[str]) -> str:
     return f"{len(names)} records " + ", ".join(names)
 
 
+def _yes_or_no(noise: Whiteness) -> str:
+    if not noise.conclusive:
+        return "?"
+    return "yes" if noise.white else "no"
+
+
 def columns(comparison: Comparison) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """The table of a comparison as text: (heading, one cell for each row), row labels first.
 
@@ -213,13 +219,13 @@ def columns(comparison: Comparison) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """
     rows: list[tuple[str, Metrics, str]] = []
     for entry in comparison.entries:
-        white = sum(noise.white for noise in entry.whiteness)
+        white = sum(noise.conclusive and noise.white for noise in entry.whiteness)
         total = len(entry.misfits)
-        verdict = ("yes" if white else "no") if total == 1 else f"{white} of {total}"
+        verdict = _yes_or_no(entry.whiteness[0]) if total == 1 else f"{white} of {total}"
         rows.append((entry.label, entry.metrics, verdict))
         if total > 1:
             rows.extend(
-                (f"  {one.record.name}", metrics, "yes" if noise.white else "no")
+                (f"  {one.record.name}", metrics, _yes_or_no(noise))
                 for one, metrics, noise in zip(
                     entry.misfits, entry.by_record, entry.whiteness, strict=True
                 )
@@ -233,7 +239,9 @@ def columns(comparison: Comparison) -> tuple[tuple[str, tuple[str, ...]], ...]:
         return f"{value * 1e12:.4g} um^2" if unit == "m" else f"{value:.4g} {unit}^2"
 
     def plain(value: float | None) -> str:
-        return "-" if value is None else f"{value:.1f}"
+        if value is None:
+            return "-"
+        return f"{value:.1f}" if abs(value) < 1e4 else f"{value:.0f}"
 
     table: tuple[tuple[str, tuple[str, ...]], ...] = (
         ("model", tuple(label for label, _, _ in rows)),

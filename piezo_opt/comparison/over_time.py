@@ -10,8 +10,8 @@ import numpy as np
 from scipy import stats
 
 from piezo_opt.comparison.misfit import Misfit
+from piezo_opt.comparison.words import brief
 from piezo_opt.measurement import FloatArray
-from piezo_opt.units import show
 
 ALARM: Final = 1e-4
 """Probability with which each sentence is said of white noise."""
@@ -62,5 +62,5 @@ def _sentence(misfit: Misfit, edges: FloatArray, rms: FloatArray, sizes: FloatAr
     unit = misfit.record.position_unit
     return (
         f"Between {edges[worst]:.4g} s and {edges[worst + 1]:.4g} s the error is "
-        f"{show(float(rms[worst]), unit)} rms, {ratio:.1f} times that of the rest of the record."
+        f"{brief(float(rms[worst]), unit)} rms, {ratio:.1f} times that of the rest of the record."
     )

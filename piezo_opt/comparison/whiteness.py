@@ -13,6 +13,7 @@ from piezo_opt.measurement import FloatArray
 
 LAGS: Final = 20
 LEVEL: Final = 0.999
+_FEWEST_LAGS: Final = 10
 
 
 @final
@@ -40,6 +41,11 @@ class Whiteness:
     cross_correlation_outside: float
     p_value: float
     sentence: str
+
+    @property
+    def conclusive(self) -> bool:
+        """Whether the record is long enough for the test to mean something."""
+        return self.lags.size > 2 * _FEWEST_LAGS
 
     @property
     def white(self) -> bool:
@@ -101,6 +107,8 @@ def _correlated(first: FloatArray, second: FloatArray, most: int) -> FloatArray:
 
 
 def _sentence(p_value: float, outside: int, most: int, along: int, lags: int) -> str:
+    if most < _FEWEST_LAGS:
+        return "Too few samples to tell noise from structure."
     white = p_value >= 1.0 - LEVEL and outside == 0
     if white and along == 0:
         return (

@@ -45,7 +45,7 @@ def _fit(fit: Fit) -> list[Block]:
     blocks: list[Block] = [
         Heading(f"Fit: {' + '.join(fit.model.names)}"),
         Lead(f"{fit.outcome.sentence} {_verdict(entry)}", good=fit.outcome.success),
-        Table(columns(own)),
+        Table(columns(own)[1:]),
         *_records(fit.records),
         *_pictures((entry,)),
         Heading("What the numbers are", 3),
@@ -77,8 +77,9 @@ def _comparison(comparison: Comparison) -> list[Block]:
 
 
 def _verdict(entry: Entry) -> str:
-    white = [noise.white for noise in entry.whiteness]
-    if all(white):
+    if not all(noise.conclusive for noise in entry.whiteness):
+        return "There are too few samples to tell noise from structure."
+    if all(noise.white for noise in entry.whiteness):
         return "What is left passes as noise."
     return "What is left is not noise: there is structure that this model does not explain."
 
@@ -201,7 +202,8 @@ def _row(fit: Fit, name: str) -> tuple[str, str, str, str, str]:
     elif name in fit.at_bound:
         spread = "at bound"
     else:
-        spread = f"{factor * (fit.interval(name)[1] - fit.values[name]):.2g}"
+        half = factor * (fit.interval(name)[1] - fit.values[name])
+        spread = f"{float(f'{half:.2g}'):g}"
     if name.startswith(INITIAL):
         meaning = "deviation from rest at the start"
     else:

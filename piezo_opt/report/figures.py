@@ -134,7 +134,7 @@ def by_branch(entries: Sequence[Entry], record: int = 0) -> Figure:
                     factor * error,
                     ".",
                     color=colour,
-                    alpha=0.6 if error.size <= 300 else 0.25,
+                    alpha=0.6 if error.size <= 300 else 0.15,
                     markersize=4.0 if error.size <= 300 else 2.5,
                     rasterized=error.size > 1500,
                 )
@@ -142,7 +142,14 @@ def by_branch(entries: Sequence[Entry], record: int = 0) -> Figure:
                 centre = 0.5 * (where.edges[1:] + where.edges[:-1])
                 label = f"mean, {entry.label}" if len(entries) > 1 else "mean in each bin"
                 axis.plot(
-                    volts * centre, factor * mean, "o-", color=colour, markersize=4, label=label
+                    volts * centre,
+                    factor * mean,
+                    "o-",
+                    color=colour,
+                    linewidth=1.8,
+                    markersize=6,
+                    markeredgecolor="white",
+                    label=label,
                 )
             axis.axhline(0.0, color=BLACK, linewidth=0.7)
             axis.set_title(f"{name} (drive {'rises' if sign > 0 else 'falls'})")
@@ -330,7 +337,9 @@ def estimates(fit: Fit) -> Figure | None:
             drawn = min(float(size), reach)
             axis.plot([-drawn, drawn], [y, y], color=colour, linewidth=2.2, solid_capstyle="butt")
             axis.plot([0.0], [y], "o", color=colour, markersize=4.5)
-            text = f"{_short(name)}  ± {size:.2g} %" if size < 1e3 else f"{_short(name)}  unknown"
+            text = f"{_short(name)}  ± {float(f'{size:.2g}'):g} %"
+            if size >= 1e3:
+                text = f"{_short(name)}  unknown"
             axis.annotate(
                 text,
                 (-0.02, y),
