@@ -7,6 +7,7 @@ written as named local variables, each at the outermost loop level where its inp
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
@@ -76,6 +77,20 @@ class Block:
     levels: tuple[tuple[str, ...], ...]
     outputs: tuple[tuple[str, ...], ...]
     """For each output of the function the C expression of each of its elements."""
+    chain: int
+    """Most operations of the innermost level that wait for one another."""
+
+
+@final
+@dataclass(frozen=True)
+class _Instruction:
+    """One operation; its number in the list is the number of its result."""
+
+    op: int
+    inputs: tuple[int, ...]
+    place: tuple[int, int] = (0, 0)
+    """Of an input or output of the function: which one, which element."""
+    constant: float = 0.0
 
 
 def emit(
@@ -97,35 +112,82 @@ def emit(
     Raises:
         NotImplementedError: an operation that has no C text; the operation's number is named.
     """
+    program = _fused(_instructions(function))
     lines: list[list[str]] = [[] for _ in range(depth)]
     text: dict[int, str] = {}
     level: dict[int, int] = {}
+    waits: dict[int, int] = {}
     outputs = [["0.0"] * function.numel_out(i) for i in range(function.n_out())]
-    count = 0
+    for k, one in program.items():
+        if one.op == ca.OP_OUTPUT:
+            outputs[one.place[0]][one.place[1]] = text[one.inputs[0]]
+            continue
+        level[k] = max((level[i] for i in one.inputs), default=0)
+        waits[k] = 0
+        if one.op == ca.OP_INPUT:
+            text[k] = f"{names[one.place[0]]}_{one.place[1]}"
+            level[k] = levels[one.place[0]]
+        elif one.op == ca.OP_CONST:
+            text[k] = _number(one.constant)
+        else:
+            pattern = _BINARY.get(one.op) or _UNARY.get(one.op)
+            if pattern is None:
+                raise NotImplementedError(f"CasADi operation {one.op} has no C text in {__name__}.")
+            text[k] = f"{prefix}{k}"
+            said = pattern.format(*(text[i] for i in one.inputs))
+            lines[level[k]].append(f"const double {text[k]} = {said};")
+            if level[k] == depth - 1:
+                waits[k] = 1 + max(waits[i] for i in one.inputs)
+    return Block(
+        tuple(tuple(ls) for ls in lines),
+        tuple(tuple(o) for o in outputs),
+        max(waits.values(), default=0),
+    )
+
+
+def _instructions(function: ca.Function) -> dict[int, _Instruction]:
+    """The function's operations, results numbered instead of CasADi's re-used registers."""
+    program: dict[int, _Instruction] = {}
+    holder: dict[int, int] = {}
     for k in range(function.n_instructions()):
         op = function.instruction_id(k)
         source, target = function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_OUTPUT:
-            outputs[target[0]][target[1]] = text[source[0]]
+            program[k] = _Instruction(op, (holder[source[0]],), (target[0], target[1]))
             continue
         if op == ca.OP_INPUT:
-            text[target[0]] = f"{names[source[0]]}_{source[1]}"
-            level[target[0]] = levels[source[0]]
-            continue
-        if op == ca.OP_CONST:
-            text[target[0]] = _number(function.instruction_constant(k))
-            level[target[0]] = 0
-            continue
-        pattern = _BINARY.get(op) or _UNARY.get(op)
-        if pattern is None:
-            raise NotImplementedError(f"CasADi operation {op} has no C text in {__name__}.")
-        inputs = [text[i] for i in source]
-        at = max((level[i] for i in source), default=0)
-        name = f"{prefix}{count}"
-        count += 1
-        lines[at].append(f"const double {name} = {pattern.format(*inputs)};")
-        text[target[0]], level[target[0]] = name, at
-    return Block(tuple(tuple(ls) for ls in lines), tuple(tuple(o) for o in outputs))
+            program[k] = _Instruction(op, (), (source[0], source[1]))
+        elif op == ca.OP_CONST:
+            program[k] = _Instruction(op, (), constant=float(function.instruction_constant(k)))
+        else:
+            program[k] = _Instruction(op, tuple(holder[i] for i in source))
+        holder[target[0]] = k
+    return program
+
+
+def _fused(program: dict[int, _Instruction]) -> dict[int, _Instruction]:
+    """``a - (b c + d e)`` as ``(a - b c) - d e``: two fused operations instead of three.
+
+    In a balance the left side is known early and both products wait for the state, so this takes
+    an operation out of the chain that a sub-step waits for. The products' own rounding is as
+    large as that of the changed order.
+    """
+    uses = Counter(i for one in program.values() for i in one.inputs)
+    found = dict(program)
+    after = max(program, default=0) + 1
+    order: list[int] = []
+    for k, one in program.items():
+        if one.op == ca.OP_SUB and uses[one.inputs[1]] == 1:
+            left, right = one.inputs
+            both = program[right]
+            if both.op == ca.OP_ADD and all(program[i].op == ca.OP_MUL for i in both.inputs):
+                order.remove(right)
+                found[after] = _Instruction(ca.OP_SUB, (left, both.inputs[0]))
+                found[k] = _Instruction(ca.OP_SUB, (after, both.inputs[1]))
+                order.append(after)
+                after += 1
+        order.append(k)
+    return {k: found[k] for k in order}
 
 
 def _number(value: float) -> str:

@@ -1,0 +1,57 @@
+"""Generated code against the loop that somebody writes by hand, in the same run."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_opt.benchmark import speed
+from piezo_opt.benchmark.speed import SUBSTEPS, measure
+from piezo_opt.simulation.compiler import find_compiler
+
+pytestmark = pytest.mark.skipif(find_compiler() is None, reason="compares compiled code: no cc")
+
+
+def test_generated_code_is_nearly_as_fast_as_written_by_hand() -> None:
+    # Another process may take the processor in the middle: the best of three measurements.
+    ratios = []
+    for _ in range(3):
+        table = measure(samples=20_000, repetitions=9, references=False)
+        ratios.append(table["compiled"].ratio)
+        if ratios[-1] <= 1.5:
+            break
+    assert min(ratios) <= 1.5
+    assert table.disagreement <= 1e-12
+    assert table["with 8 sensitivities"].ratio > table["compiled"].ratio > 0.3
+
+
+def test_the_table_names_every_way_and_scales_by_its_own_length() -> None:
+    table = measure(samples=2_000, repetitions=2)
+    names = [row.name for row in table.rows]
+    assert names[:2] == ["by hand", "compiled"]
+    assert len(names) == 5
+    assert table["by hand"].ratio == 1.0
+    for row in table.rows:
+        assert row.ratio == pytest.approx(row.per_sample / table["by hand"].per_sample)
+        if row.per_substep is not None:
+            assert row.per_substep == pytest.approx(row.per_sample / SUBSTEPS)
+        assert f"{row.ratio:.2f}" in str(table)
+    # Neither Python nor an interpreter comes near: a wrong scaling would show.
+    assert table["CasADi's virtual machine"].ratio > 5
+    assert table["scipy solve_ivp"].ratio > 50
+    assert table.why in str(table)
+
+
+def test_the_reference_of_scipy_solves_the_same_problem() -> None:
+    record = speed._record(200)
+    values = speed.Values.nominal(speed.MODEL)
+    reading = speed.Simulator(speed.MODEL, record, values).reading(values)
+    other = speed._solve_ivp(record, values)
+    assert np.abs(reading - other).max() < 1e-4 * np.ptp(reading)
+
+
+def test_a_loop_that_computes_something_else_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    wrong = speed.BY_HAND.replace("2.0 * (h2 + h3)", "2.1 * (h2 + h3)")
+    monkeypatch.setattr(speed, "BY_HAND", wrong)
+    with pytest.raises(speed.PiezoOptError, match="differ"):
+        measure(samples=500, repetitions=1, references=False)
