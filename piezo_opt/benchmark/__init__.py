@@ -1,0 +1,1 @@
+"""Benchmarks: what the package finds, and how fast, on records whose truth is known."""
