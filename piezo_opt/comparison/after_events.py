@@ -112,7 +112,8 @@ def _sentence(
     if chance > ALARM or not sure.any() or float(np.ptp(mean[sure])) < _PROMINENT * misfit.rms:
         return ""
     known = np.flatnonzero(sure)
-    early, late = int(known[0]), int(known[-1])
+    ends = known[np.argmin(mean[known])], known[np.argmax(mean[known])]
+    early, late = int(min(ends)), int(max(ends))
     unit = misfit.record.position_unit
     event = "a step" if kind == "step" else "a reversal"
     text = (

@@ -71,7 +71,11 @@ def _comparison(comparison: Comparison) -> list[Block]:
     ]
     if comparison.held_out:
         blocks.append(
-            Text("Nothing was fitted to these samples: the error is that of a prediction.", True)
+            Text(
+                "The models were not fitted to these samples: the error is that of a prediction. "
+                "Of a record that begins anew, only its offset and its start are estimated on it.",
+                quiet=True,
+            )
         )
     return [*blocks, *_pictures(comparison.entries)]
 

@@ -108,8 +108,8 @@ def over_time(entries: Sequence[Entry], record: int = 0) -> Figure:
         below.set_ylabel(labelled("measured −\nmodel", small_unit))
         below.set_xlabel(labelled("time", time_unit))
         above.set_title("Over time")
-        # Below the axes' top right corner there is often the signal: the legend goes above it.
-        above.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
+        # Inside the axes there is signal everywhere.
+        _legend_below(made, above)
         return made
 
 
@@ -387,6 +387,9 @@ def multi_start(fit: Fit) -> Figure | None:
                 )
         if reached[-1] > 20.0 * reached[0] > 0.0:
             axis.set_yscale("log")
+        else:
+            # From zero: a difference in the tenth digit must not look like one.
+            axis.set_ylim(0.0, 1.35 * factor * float(reached[-1]))
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
         axis.set_title("Where the starts led")
         axis.set_xlabel("start, sorted by result")
@@ -431,4 +434,5 @@ def _share_y(axes: Sequence[Axes]) -> None:
 
 def _legend_below(made: Figure, axis: Axes) -> None:
     handles, names = axis.get_legend_handles_labels()
-    made.legend(handles, names, loc="outside lower center", ncols=min(3, len(names)))
+    fitting = max(1, 90 // (max(map(len, names)) + 8))
+    made.legend(handles, names, loc="outside lower center", ncols=min(fitting, len(names)))
