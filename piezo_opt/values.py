@@ -74,8 +74,11 @@ class Values(Mapping[str, float]):
         return np.array([self.numbers[name] for name in names], dtype=float)
 
     def of_record(self, index: int) -> Values:
-        """What holds for one record: its own ``name[index]`` entries take the plain names."""
+        """What holds for one record: its own ``name[index]`` entries take the plain names.
+
+        The bracketed names stay beside them: in ``"initial.creep.z[0]"`` of a lone record the
+        bracket counts elements of a state, not records.
+        """
         tail = f"[{index}]"
         own = {k.removesuffix(tail): v for k, v in self.numbers.items() if k.endswith(tail)}
-        shared = {k: v for k, v in self.numbers.items() if not k.endswith("]")}
-        return Values({**shared, **own})
+        return Values({**self.numbers, **own})

@@ -41,7 +41,8 @@ class Substeps:
         by_time = segment.length / self.longest
         by_move = np.abs(segment.slope) * segment.length / self.largest_move
         # The slack keeps rounding of time stamps from adding a sub-step here and there.
-        return np.maximum(1, np.ceil(np.maximum(by_time, by_move) - 1e-6)).astype(np.int32)
+        wanted = np.ceil(np.maximum(by_time, by_move) - 1e-6)
+        return np.clip(wanted, 1, np.iinfo(np.int32).max).astype(np.int32)
 
     def halved(self) -> Substeps:
         """Sub-steps of half the size."""
@@ -110,7 +111,7 @@ def choose(
     before, best = np.inf, Accuracy(substeps, np.inf, 0.0)
     while True:
         finer = substeps.halved()
-        count = int(finer.of(segment).sum())
+        count = int(finer.of(segment).sum(dtype=np.int64))
         if count > most:
             if np.isfinite(best.error):
                 return best
@@ -123,11 +124,12 @@ def choose(
         if np.isfinite(fine).all() and np.isfinite(coarse).all():
             change = float(np.sqrt(np.mean((fine - coarse) ** 2)))
             allowed = tolerance * (float(np.ptp(fine)) or 1.0)
-            if change <= allowed:
-                count = int(substeps.of(segment).sum())
-                return Accuracy(substeps, change, count / coarse.size)
             # How much a halving helps is measured, not assumed: corners lower the order.
-            gain = float(np.clip(before / change, 2.0, 16.0)) if np.isfinite(before) else 2.0
+            known = np.isfinite(before) and change > 0.0
+            gain = float(np.clip(before / change, 2.0, 16.0)) if known else 2.0
+            if change * gain / (gain - 1.0) <= allowed:
+                error = change * gain / (gain - 1.0)
+                return Accuracy(substeps, error, int(substeps.of(segment).sum()) / coarse.size)
             best = Accuracy(finer, change / (gain - 1.0), count / coarse.size)
             if best.error <= allowed or change > 0.7 * before:
                 return best

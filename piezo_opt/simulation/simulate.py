@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -304,10 +305,11 @@ def simulate(
         ModelError: the model's needs are not met, or it is too stiff for the record.
     """
     numbers = {**Values.nominal(model), **(values or {})}
-    unknown = [k for k in (values or {}) if k not in numbers or not _known(k, model)]
+    unknown = [k for k in (values or {}) if not _known(k, model)]
     if unknown:
         raise ModelError(
-            f"The model has no parameter '{unknown[0]}'; it has {', '.join(model.parameters)}."
+            f"The model has no parameter or initial state '{unknown[0]}'; its parameters are "
+            f"{', '.join(model.parameters)}."
         )
     simulator = Simulator(
         model, record, numbers, directions=sensitivities, initial=initial, tolerance=tolerance,
@@ -317,4 +319,11 @@ def simulate(
 
 
 def _known(name: str, model: Model) -> bool:
-    return name in model.parameters or name.startswith(INITIAL) or name.endswith("]")
+    """Whether it names a parameter or a state's start, with or without a record's number."""
+    starts = (
+        f"{INITIAL}{effect}.{state}" if size == 1 else f"{INITIAL}{effect}.{state}[{i}]"
+        for effect, declared in model
+        for state, size in declared.states.items()
+        for i in range(size)
+    )
+    return bool({name, re.sub(r"\[\d+\]$", "", name)} & {*model.parameters, *starts})

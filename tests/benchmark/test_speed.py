@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from piezo_opt.benchmark import speed
-from piezo_opt.benchmark.speed import SUBSTEPS, measure
+from piezo_opt.benchmark.speed import MODEL, SUBSTEPS, measure
+from piezo_opt.errors import PiezoOptError
+from piezo_opt.simulation import Simulator
 from piezo_opt.simulation.compiler import find_compiler
+from piezo_opt.values import Values
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="compares compiled code: no cc")
 
@@ -44,8 +47,8 @@ def test_the_table_names_every_way_and_scales_by_its_own_length() -> None:
 
 def test_the_reference_of_scipy_solves_the_same_problem() -> None:
     record = speed._record(200)
-    values = speed.Values.nominal(speed.MODEL)
-    reading = speed.Simulator(speed.MODEL, record, values).reading(values)
+    values = Values.nominal(MODEL)
+    reading = Simulator(MODEL, record, values).reading(values)
     other = speed._solve_ivp(record, values)
     assert np.abs(reading - other).max() < 1e-4 * np.ptp(reading)
 
@@ -53,5 +56,5 @@ def test_the_reference_of_scipy_solves_the_same_problem() -> None:
 def test_a_loop_that_computes_something_else_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     wrong = speed.BY_HAND.replace("2.0 * (h2 + h3)", "2.1 * (h2 + h3)")
     monkeypatch.setattr(speed, "BY_HAND", wrong)
-    with pytest.raises(speed.PiezoOptError, match="differ"):
+    with pytest.raises(PiezoOptError, match="differ"):
         measure(samples=500, repetitions=1, references=False)
