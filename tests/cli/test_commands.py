@@ -234,7 +234,7 @@ def test_ctrl_c_prints_the_best_so_far(
 ) -> None:
     def stopped(question: Identification, **options: object) -> object:
         def stop(progress: Progress) -> None:
-            if progress.iteration == 4:
+            if progress.iteration == 2:
                 raise KeyboardInterrupt
 
         return solve(question, **{**options, "progress": stop})  # type: ignore[arg-type]
