@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -74,8 +75,16 @@ class BasePoint:
         """What the fitted parameters do not explain of a column."""
         return np.asarray(column - self._basis @ (self._basis.T @ column))
 
-    def directions(self, effect: Effect) -> list[Direction]:
-        """Derivatives by the gate of an effect that is not in the model, over its shape grid.
+    def directions(
+        self, effect: Effect, grid: Sequence[Mapping[str, float]] | None = None
+    ) -> list[Direction]:
+        """Derivatives by the gate of an effect that is not in the model, one for each shape.
+
+        Shapes whose derivatives are not finite are left out.
+
+        Args:
+            effect: the effect.
+            grid: own shape values to try; those that the record suggests unless given.
 
         Raises:
             ModelError: the model cannot take the effect.
@@ -85,7 +94,8 @@ class BasePoint:
         gate = f"{name}.{effect.gate}"
         null = effect.parameters[effect.gate or ""].null
         records = self.question.campaign.records
-        grid = shape_grid(effect, records[0], records[0].position - self.fit.readings[0])
+        if grid is None:
+            grid = self.grid(effect)
         simulators: dict[float, list[Simulator]] = {}
         found = []
         for shapes in grid:
@@ -133,5 +143,10 @@ class BasePoint:
             whole = np.concatenate(columns)
             if not np.isfinite(whole).all():
                 continue
-            found.append(Direction(shapes, whole, self.project(whole)))
+            found.append(Direction(dict(shapes), whole, self.project(whole)))
         return found
+
+    def grid(self, effect: Effect) -> list[dict[str, float]]:
+        """Shape values that the records suggest for an absent effect."""
+        record = self.question.campaign.records[0]
+        return shape_grid(effect, record, record.position - self.fit.readings[0])
