@@ -10,7 +10,7 @@ from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.held_out import HeldOut, hold_out
 from piezo_opt.diagnosis.ladder import Ladder, Step, climb
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
-from piezo_opt.diagnosis.scores import Suspect, Unscored, score
+from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, score
 from piezo_opt.diagnosis.structure import Structure, structure
 from piezo_opt.effects.base import Effect
 from piezo_opt.effects.catalogue import CATALOGUE
@@ -187,15 +187,19 @@ def diagnose(
     """
     tell = progress if progress is not None else _silent
     offered = [
-        *(kind() for name, kind in CATALOGUE.items() if not kind.structural and
-          name not in withhold),
+        *(
+            kind(**options)
+            for name, kind in CATALOGUE.items()
+            if not kind.structural and name not in withhold
+            for options in kind.variants
+        ),
         *(c() if isinstance(c, type) else c for c in candidates),
-    ]  # fmt: skip
+    ]
     noise = noise_floor(fit)
     if not ladder:
         left = [e for e in offered if e.name not in fit.model]
         suspects, unscored = score(BasePoint(fit), left)
-        return Diagnosis(fit, fit, "open", noise, suspects, unscored)
+        return Diagnosis(fit, fit, "open", noise, by_name(suspects), unscored)
     held = hold_out(fit.question, test)
     baseline = _on(held, fit)
     climbed = climb(baseline, held, offered, tell)

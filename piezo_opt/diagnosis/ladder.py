@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, rms
-from piezo_opt.diagnosis.scores import Suspect, Unscored, effective_samples, score
+from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, effective_samples, score
 from piezo_opt.effects.base import Effect
 from piezo_opt.identification import Fit, LevenbergMarquardt, solve
 
@@ -151,7 +151,14 @@ def climb(
         fit, error = taken.fit, after
         now, _ = score(BasePoint(fit), _left(candidates, fit), threads)
     fit, kept, dropped = _prune(fit, steps)
-    return Ladder(baseline, fit, tuple(kept), first, unscored, now, tuple(refined), tuple(dropped))
+    return Ladder(baseline,
+        fit,
+        tuple(kept),
+        by_name(first),
+        unscored,
+        by_name(now),
+        tuple(refined),
+        tuple(dropped),)
 
 
 def bic_gain(before: Fit, after: Fit) -> float:

@@ -111,7 +111,7 @@ def score(
         answers = list(pool.map(one, candidates))
     best = [a for a in answers if isinstance(a, _Best)]
     unscored = tuple(a for a in answers if isinstance(a, Unscored))
-    searched = max(1, len(best))
+    searched = max(1, len({b.effect.name for b in best}))
     r = point.residual
     total = float(r @ r)
     units = []
@@ -126,7 +126,7 @@ def score(
             (
                 (best[j].effect.name, float(abs(units[i] @ units[j])))
                 for j in range(len(best))
-                if j != i
+                if j != i and best[j].effect.name != b.effect.name
             ),
             key=lambda pair: -pair[1],
         )
@@ -149,6 +149,15 @@ def score(
         )
     suspects.sort(key=lambda s: (-s.score, s.p_value))
     return tuple(suspects), unscored
+
+
+def by_name(suspects: Sequence[Suspect]) -> tuple[Suspect, ...]:
+    """One suspect a name: the best of an effect's variants."""
+    return tuple({s.name: s for s in reversed(suspects)}[n] for n in _names(suspects))
+
+
+def _names(suspects: Sequence[Suspect]) -> list[str]:
+    return list(dict.fromkeys(s.name for s in suspects))
 
 
 def _best(effect: Effect, directions: list[Direction], r: FloatArray) -> _Best:

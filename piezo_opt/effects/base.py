@@ -203,6 +203,9 @@ class Effect(ABC):
     requires: ClassVar[tuple[str, ...]] = ()
     """What the chain must hold: ``"loop"``, ``"motion"`` or ``"channel:NAME"``."""
 
+    variants: ClassVar[tuple[Mapping[str, Any], ...]] = ({},)
+    """Options under which a search for missing effects tries the effect."""
+
     _parameters: ClassVar[Mapping[str, Parameter]]
     _states: ClassVar[Mapping[str, State]]
 

@@ -36,6 +36,8 @@ def checked(path: str | os.PathLike[str]) -> Path:
             raise InputError(f"{file}: is empty: export the record again")
         with file.open("rb"):
             pass
+    except InputError:
+        raise
     except PermissionError as error:
         raise InputError(f"{file}: may not be read: change its permissions") from error
     except (OSError, ValueError) as error:

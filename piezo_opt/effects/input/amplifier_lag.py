@@ -29,7 +29,7 @@ class AmplifierLag(Effect):
         null=0.0,
     )  # fmt: skip
     tau = Parameter(
-        "s", "time constant R C", nominal=1e-3, bounds=(1e-7, 10.0), typical=(1e-4, 1e-2)
+        "s", "time constant R C", nominal=1e-3, bounds=(1e-7, 0.1), typical=(1e-4, 1e-2)
     )
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:

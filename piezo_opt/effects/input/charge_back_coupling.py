@@ -32,7 +32,7 @@ class ChargeBackCoupling(Effect):
         typical=(10.0, 1e3), null=0.0,
     )  # fmt: skip
     tau = Parameter(
-        "s", "time constant R C", nominal=1e-4, bounds=(1e-7, 10.0), typical=(1e-5, 1e-2)
+        "s", "time constant R C", nominal=1e-4, bounds=(1e-7, 0.1), typical=(1e-5, 1e-2)
     )
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:

@@ -34,7 +34,7 @@ class SlewLimit(Effect):
         "V/s", "largest rate, I / C", nominal=1e4, bounds=(1e-6, 1e12), typical=(1e2, 1e6)
     )
     tau = Parameter(
-        "s", "recovery time after the limit", nominal=1e-3, bounds=(1e-7, 10.0),
+        "s", "recovery time after the limit", nominal=1e-3, bounds=(1e-7, 0.1),
         typical=(1e-4, 1e-2),
     )  # fmt: skip
 

@@ -28,7 +28,7 @@ class SensorLag(Effect):
         null=0.0,
     )  # fmt: skip
     tau = Parameter(
-        "s", "time constant of the sensor", nominal=1e-3, bounds=(1e-7, 10.0), typical=(1e-5, 1e-2)
+        "s", "time constant of the sensor", nominal=1e-3, bounds=(1e-7, 0.2), typical=(1e-5, 1e-2)
     )
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:

@@ -26,6 +26,7 @@ class Creep(Effect):
 
     elements: int = 3
     place = Place.STRAIN
+    variants = ({"elements": 3}, {"elements": 1})
     z = State("m", "displacement of each element", size="elements", remanent=True)
     c = Parameter(
         "1", "share of the stroke that creeps", nominal=0.0, bounds=(-0.2, 0.9),

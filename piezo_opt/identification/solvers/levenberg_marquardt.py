@@ -14,6 +14,10 @@ from piezo_opt.identification.solvers.base import Solution
 
 FloatArray = NDArray[np.float64]
 
+_PATIENCE, _CRAWL = 20, 1e-3
+"""So many iterations that lower the cost by less than this share are a crawl along a valley whose
+end the data cannot see (half as much in the rms)."""
+
 
 @final
 @dataclass(frozen=True)
@@ -60,6 +64,7 @@ class LevenbergMarquardt:
         damping, growth = 1e-4, 2.0
         floor = 1e-30 * max(cost, 1e-300)
         norms = np.zeros(theta.size)
+        history = [cost]
         for _ in range(self.iterations):
             weighted = objective.robust(point)
             j = weighted.jacobian * scale
@@ -102,6 +107,11 @@ class LevenbergMarquardt:
             objective.monitor.iterate(theta, objective.rms(residual))
             if decrease <= self.tolerance * cost and predicted <= self.tolerance * cost:
                 return Solution(theta, Ending.CONVERGED, "the cost stopped falling")
+            history.append(cost)
+            if len(history) > _PATIENCE and history[-1 - _PATIENCE] < (1.0 + _CRAWL) * cost:
+                return Solution(
+                    theta, Ending.CONVERGED, "the cost falls only along a valley without end"
+                )
             point = objective.linearised(theta)
         return Solution(
             theta, Ending.LIMIT,
