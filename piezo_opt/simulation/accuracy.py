@@ -1,9 +1,9 @@
 """How many sub-steps a simulation needs, found by halving until the scheme's error is small.
 
-The error of the scheme is estimated by Richardson's comparison: the same simulation with sub-steps
-half as long differs by 15/16 of the error of a scheme of order four. Where the physics has corners
-of its own (friction, a loop of forces) the order drops; so the gain of a halving is measured from
-one halving to the next.
+The error of the scheme is estimated by Richardson's comparison: the same simulation with *every*
+sub-step cut in two differs by 15/16 of the error of a scheme of order four. Where the physics has
+corners of its own (friction, a loop of forces) the order drops; so the gain of a halving is
+measured from one halving to the next.
 
 Source: Hairer, Norsett & Wanner (1993), Solving Ordinary Differential Equations I, II.4.
 """
@@ -11,7 +11,7 @@ Source: Hairer, Norsett & Wanner (1993), Solving Ordinary Differential Equations
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, final
 
 import numpy as np
@@ -26,27 +26,37 @@ IntArray = NDArray[np.int32]
 
 _MOST: Final = 20_000_000
 """Sub-steps in one simulation beyond which the model is called too stiff."""
+_PATIENCE: Final = 3
+"""Halvings without a gain before the best is taken: at first one may not reach the steep parts."""
 
 
 @final
 @dataclass(frozen=True)
 class Substeps:
-    """Longest sub-step [s] and largest change of the drive [V] within one sub-step."""
+    """Longest sub-step [s] and largest change of the drive [V] within one sub-step.
+
+    With ``times`` every sub-step is cut into that many, also one that is short already.
+    """
 
     longest: float
     largest_move: float
+    times: int = 1
 
     def of(self, segment: Segment) -> IntArray:
         """Number of sub-steps of each segment, at least one."""
         by_time = segment.length / self.longest
         by_move = np.abs(segment.slope) * segment.length / self.largest_move
         # The slack keeps rounding of time stamps from adding a sub-step here and there.
-        wanted = np.ceil(np.maximum(by_time, by_move) - 1e-6)
-        return np.clip(wanted, 1, np.iinfo(np.int32).max).astype(np.int32)
+        wanted = self.times * np.maximum(1.0, np.ceil(np.maximum(by_time, by_move) - 1e-6))
+        return np.asarray(np.minimum(wanted, np.iinfo(np.int32).max), dtype=np.int32)
 
     def halved(self) -> Substeps:
         """Sub-steps of half the size."""
-        return Substeps(0.5 * self.longest, 0.5 * self.largest_move)
+        return replace(self, longest=0.5 * self.longest, largest_move=0.5 * self.largest_move)
+
+    def count(self, segment: Segment) -> int:
+        """Number of sub-steps of all segments together."""
+        return int(self.of(segment).sum(dtype=np.int64))
 
 
 @final
@@ -56,7 +66,7 @@ class Accuracy:
 
     Attributes:
         substeps: what was chosen.
-        error: root mean square of the scheme's error in the reading [m].
+        error: estimated root mean square of the scheme's error in the reading [m].
         per_sample: mean number of sub-steps between readings.
     """
 
@@ -65,23 +75,36 @@ class Accuracy:
     per_sample: float
 
 
-def fastest_rate(system: System, segment: Segment, parameters: FloatArray, x: FloatArray) -> float:
-    """Largest magnitude of an eigenvalue of the linearised chain over the record's slopes [1/s]."""
+def fastest_rates(
+    system: System, segment: Segment, parameters: FloatArray, x: FloatArray
+) -> tuple[float, float]:
+    """How fast the linearised chain moves by itself [1/s], and how fast with the drive [1/V].
+
+    Largest magnitudes of eigenvalues, first under a drive that stands still, then what the drive's
+    slope adds. A held drive is still nearly always and very steep for a moment: one rate for both
+    would cut the still part as finely as the step.
+    """
     if not system.state_names:
-        return 0.0
+        return 0.0, 0.0
     jacobian = system.rate.jacobian()
-    steep = np.argsort(np.abs(segment.slope))
-    picks = {int(steep[0]), int(steep[steep.size // 2]), int(steep[(9 * steep.size) // 10])}
-    top = 0.0
-    for i in picks:
+
+    def fastest(i: int, slope: float) -> float:
         given = [
-            segment.time[i], x, segment.drive[i], segment.slope[i], segment.channels[i],
+            segment.time[i], x, segment.drive[i], slope, segment.channels[i],
             segment.channel_slopes[i], parameters,
         ]  # fmt: skip
         a = np.array(jacobian(*given, np.zeros(x.size))[1])
-        if np.isfinite(a).all():
-            top = max(top, float(np.abs(np.linalg.eigvals(a)).max()))
-    return top
+        return float(np.abs(np.linalg.eigvals(a)).max()) if np.isfinite(a).all() else 0.0
+
+    steep = np.argsort(np.abs(segment.slope))
+    by_itself = by_drive = 0.0
+    for i in {int(steep[0]), int(steep[steep.size // 2]), int(steep[-1])}:
+        still = fastest(i, 0.0)
+        by_itself = max(by_itself, still)
+        slope = float(segment.slope[i])
+        if slope != 0.0:
+            by_drive = max(by_drive, (fastest(i, slope) - still) / abs(slope))
+    return by_itself, by_drive
 
 
 def choose(
@@ -103,35 +126,36 @@ def choose(
     Raises:
         ModelError: no number of sub-steps up to ``most`` makes the simulation finite.
     """
-    rate = fastest_rate(system, segment, parameters, start)
-    longest = float(segment.length.max())
+    rate, by_drive = fastest_rates(system, segment, parameters, start)
+    moves = np.abs(segment.slope) * segment.length
     swing = float(np.ptp(segment.drive)) or 1.0
-    substeps = Substeps(min(longest, 2.0 / rate) if rate > 0 else longest, swing / 4.0)
-    coarse = simulate(substeps)
-    before, best = np.inf, Accuracy(substeps, np.inf, 0.0)
+    substeps = Substeps(
+        min(float(segment.length.max()), 2.0 / rate if rate > 0 else np.inf),
+        min(float(moves.max()) or swing, swing / 4.0, 2.0 / by_drive if by_drive > 0 else np.inf),
+    )
+    first, before, stalled = substeps, np.inf, 0
+    best: Accuracy | None = None
     while True:
-        finer = substeps.halved()
-        count = int(finer.of(segment).sum(dtype=np.int64))
-        if count > most:
-            if np.isfinite(best.error):
-                return best
+        count = substeps.count(segment)
+        if count > most and best is not None:
+            return best
+        if count > _MOST or (count > most and substeps is not first):
             raise ModelError(
                 f"The model is too stiff for this record: {count:.3g} sub-steps would be needed "
                 f"(fastest rate {rate:.3g} 1/s); raise the lower bound of its shortest time "
                 "constant or drop the mechanics, which the record cannot see."
             )
-        fine = simulate(finer)
+        coarse, fine = simulate(substeps), simulate(replace(substeps, times=2))
         if np.isfinite(fine).all() and np.isfinite(coarse).all():
             change = float(np.sqrt(np.mean((fine - coarse) ** 2)))
-            allowed = tolerance * (float(np.ptp(fine)) or 1.0)
             # How much a halving helps is measured, not assumed: corners lower the order.
             known = np.isfinite(before) and change > 0.0
             gain = float(np.clip(before / change, 2.0, 16.0)) if known else 2.0
-            if change * gain / (gain - 1.0) <= allowed:
-                error = change * gain / (gain - 1.0)
-                return Accuracy(substeps, error, int(substeps.of(segment).sum()) / coarse.size)
-            best = Accuracy(finer, change / (gain - 1.0), count / coarse.size)
-            if best.error <= allowed or change > 0.7 * before:
+            error = change * gain / (gain - 1.0)
+            if best is None or error < best.error:
+                best = Accuracy(substeps, error, count / coarse.size)
+            stalled = stalled + 1 if change > 0.7 * before else 0
+            if error <= tolerance * (float(np.ptp(fine)) or 1.0) or stalled == _PATIENCE:
                 return best
             before = change
-        substeps, coarse = finer, fine
+        substeps = substeps.halved()

@@ -126,7 +126,7 @@ class Simulator:
         if substeps is None:
             self.accuracy = self.choose(values, tolerance)
         else:
-            count = int(substeps.of(self.segment(values)).sum())
+            count = substeps.count(self.segment(values))
             self.accuracy = Accuracy(substeps, float("nan"), count / record.time.size)
 
     @property
@@ -166,7 +166,7 @@ class Simulator:
 
     def substeps(self, values: Mapping[str, float]) -> int:
         """Number of sub-steps in the whole record."""
-        return int(self.accuracy.substeps.of(self.segment(values)).sum())
+        return self.accuracy.substeps.count(self.segment(values))
 
     def reading(self, values: Mapping[str, float]) -> FloatArray:
         """The reading (N,) [m]."""
