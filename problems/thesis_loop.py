@@ -20,6 +20,7 @@ Teknologi Malaysia (2015), Table 3.1 and Eqs. 2.32, 2.35, 3.5.
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Mapping
 
 import piezo_opt as po
@@ -27,7 +28,7 @@ from piezo_opt.effects import BoucWen, PiezoGain, SecondOrder
 
 STARTS, REACH_IT = 20, 19
 NELDER_MEAD_COSTS = 10.0
-"""Simulations of Nelder-Mead against those of the default solver, at least."""
+"""Simulations of Nelder-Mead over those of the default solver from the same starts, at least."""
 
 
 def data() -> po.Measurement:
@@ -98,6 +99,14 @@ def reached(fit: po.Fit) -> int:
     return sum(abs(s.rms - known()["rms"]) <= 0.6 * last_digit()["rms"] for s in fit.starts)
 
 
+def price(fit: po.Fit, drawn: int) -> float:
+    """Median number of simulations from the drawn starts 1 to ``drawn`` of a multi-start.
+
+    Start 0 is left out: finding it from the record all but solves the problem by itself.
+    """
+    return statistics.median(s.evaluations for s in fit.starts if 1 <= s.index <= drawn)
+
+
 def main() -> None:
     """Solve it from one start and from twenty, and once as the thesis did."""
     fit = po.solve(question())
@@ -108,10 +117,11 @@ def main() -> None:
         print(f"  {name:<20} {have[name]:>12.4g} {value:>12.4g}")
     many = po.solve(question(), starts=STARTS, seed=1)
     print(f"\n  {reached(many)} of {STARTS} starts reach it")
-    simplex = po.solve(question(), solver=po.NelderMead())
+    simplex = po.solve(question(), starts=6, seed=1, solver=po.NelderMead())
+    ours, theirs = price(many, 5), price(simplex, 5)
     print(
-        f"  Nelder-Mead: rms {1e6 * simplex.rms:.4f} um with {simplex.evaluations.total} "
-        f"simulations, {simplex.evaluations.total / fit.evaluations.total:.0f} times as many"
+        f"  from five drawn starts Nelder-Mead reaches {1e6 * simplex.rms:.4f} um with "
+        f"{theirs:.0f} simulations, {theirs / ours:.0f} times as many as {many.solver}"
     )
     check(fit)
 
