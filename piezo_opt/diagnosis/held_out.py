@@ -16,6 +16,7 @@ FloatArray = NDArray[np.float64]
 
 SHARE = 0.3
 """Last part of a lone record that is held out and simulated through."""
+_TENTH = 0.9**2
 FEWEST = 300
 """Counted samples below which a record is too short to be parted."""
 
@@ -76,7 +77,9 @@ def rms(error: FloatArray | None) -> float | None:
 
 
 def agrees(before: FloatArray | None, after: FloatArray | None) -> bool:
-    """Whether the held-out error fell beyond chance (one-sided, 2.5 %), or nothing is held out.
+    """Whether the held-out error fell by a tenth, or less but beyond chance (one-sided, 2.5 %).
+
+    With nothing held out there is nothing to disagree.
 
         z = mean(e0^2 - e1^2) / sqrt(long-run variance / N) > 1.96
 
@@ -90,5 +93,7 @@ def agrees(before: FloatArray | None, after: FloatArray | None) -> bool:
     mean = float(gain.mean())
     if mean <= 0:
         return False
+    if float(np.mean(after**2)) < _TENTH * float(np.mean(before**2)):
+        return True
     variance = long_run_variance(gain - mean)
     return mean > 1.96 * float(np.sqrt(variance / gain.size))

@@ -116,10 +116,12 @@ def climb(
         if not likely:
             break
         short = _shortlist(likely)
-        tell(f"refitting with {', '.join(s.name for s in short)}")
-        rungs = _refits(fit, short, threads)
-        rungs += [r for r in _refinements(fit) if r.delta_bic > STRONG]
-        rungs = sorted((r for r in rungs if r.delta_bic > STRONG), key=lambda r: -r.delta_bic)
+        rungs = [r for r in _refinements(fit) if r.delta_bic > STRONG]
+        if not any(r.fit.rms <= 1.01 * short[0].predicted_rms for r in rungs):
+            # No exponent of the base model alone does as well as the likeliest effect would.
+            tell(f"refitting with {', '.join(s.name for s in short)}")
+            rungs += _refits(fit, short, threads)
+        rungs = _judged(fit, rungs)
         taken: _Rung | None = None
         for rung in rungs:
             after = error_on(rung.fit, held.record)
@@ -161,24 +163,33 @@ def climb(
         tuple(dropped),)
 
 
-def bic_gain(before: Fit, after: Fit) -> float:
+def bic_gain(before: Fit, after: Fit, samples: float | None = None) -> float:
     """By how much BIC falls from one fit to a richer one, on as many samples as carry news.
 
         N_e ln(SSR_0 / SSR_1) - (k_1 - k_0) ln N_e
 
-    with N_e the effective number of samples, from the richer fit's residuals.
+    with N_e the effective number of samples, from the richer fit's residuals unless given.
+    Rivals are compared with the same N_e.
 
     Source: Schwarz (1978), Annals of Statistics 6(2), 461-464.
     """
-    n = effective_samples(after.residuals)
-    ssr0, ssr1 = (
-        float(before.residuals @ before.residuals),
-        float(after.residuals @ after.residuals),
-    )
+    n = effective_samples(after.residuals) if samples is None else samples
+    ssr0 = float(before.residuals @ before.residuals)
+    ssr1 = float(after.residuals @ after.residuals)
     if not np.isfinite(ssr1) or ssr1 <= 0:
         return -np.inf
     more = len(after.names) - len(before.names)
     return n * float(np.log(ssr0 / ssr1)) - more * float(np.log(max(n, 2.0)))
+
+
+def _judged(before: Fit, rungs: Sequence[_Rung]) -> list[_Rung]:
+    """Rungs with strong evidence, best first, on the samples that the closest fit leaves free."""
+    if not rungs:
+        return []
+    closest = min(rungs, key=lambda r: r.fit.rms)
+    n = effective_samples(closest.fit.residuals)
+    judged = [replace(r, delta_bic=bic_gain(before, r.fit, n)) for r in rungs]
+    return sorted((r for r in judged if r.delta_bic > STRONG), key=lambda r: -r.delta_bic)
 
 
 def _left(candidates: Sequence[Effect], fit: Fit) -> list[Effect]:
