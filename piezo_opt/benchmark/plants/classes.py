@@ -54,6 +54,7 @@ Builder: TypeAlias = Callable[[np.random.Generator, Scale, Base], Hidden]
 ALL: tuple[Kind, ...] = ("steps", "triangles", "multisine", "chirp", "combined")
 QUICK: tuple[Kind, ...] = ("steps", "multisine", "chirp", "combined")
 SWINGS: tuple[Kind, ...] = ("triangles", "chirp", "combined")
+SWEEPS: tuple[Kind, ...] = ("triangles", "multisine", "chirp", "combined")
 HOLDS: tuple[Kind, ...] = ("steps", "combined")
 
 
@@ -262,7 +263,7 @@ INSIDE: Mapping[str, Shows] = MappingProxyType(
         "second_mode": Shows(_mode, QUICK),
         "backlash": Shows(_backlash, ("triangles", "combined", "multisine"), still=0.3),
         "sensor_lag": Shows(_sensor_lag, QUICK),
-        "sensor_nonlinearity": Shows(_fringes, ALL, still=0.2, fine=True),
+        "sensor_nonlinearity": Shows(_fringes, SWEEPS, still=0.2, fine=True),
         "sensor_curvature": Shows(_curvature, ALL, still=0.2),
         "drift": Shows(_drift, ALL, still=0.6, slow=True),
         "mains_pickup": Shows(_mains, ALL),
@@ -272,7 +273,7 @@ INSIDE: Mapping[str, Shows] = MappingProxyType(
 
 BEYOND: Mapping[str, Shows] = MappingProxyType(
     {
-        "interferometer_fringes": Shows(_unnamed_fringes, ALL, still=0.2, fine=True),
+        "interferometer_fringes": Shows(_unnamed_fringes, SWEEPS, still=0.2, fine=True),
         "gain_switching": Shows(_switching, ALL, still=0.3),
         "unrecorded_input": Shows(_unrecorded, ALL, still=0.3),
         "stick_events": Shows(_sticks, ("triangles", "multisine", "combined"), still=0.2),

@@ -86,7 +86,7 @@ def _steps(random: np.random.Generator, total: int, rate: float, fastest: float)
     """Staircase of random levels and holding times; edges over one sample or a few."""
     shape = np.empty(total)
     at, level = 0, 0.5
-    shortest = max(6.0 * rate / fastest, total / 120)
+    shortest = min(max(6.0 * rate / fastest, total / 120), total / 12)
     while at < total:
         length = int(shortest * np.exp(random.uniform(0.0, np.log(total / 6 / shortest))))
         other = random.uniform()

@@ -64,7 +64,8 @@ class UnrecordedInput(Hidden):
         if self.signal == "telegraph":
             level = _telegraph(random, time, self.events)
         else:
-            wander = np.cumsum(random.standard_normal(time.size)) / np.sqrt(time.size)
+            knots = np.cumsum(random.standard_normal(self.events)) / np.sqrt(self.events)
+            wander = np.interp(time, np.linspace(time[0], time[-1], self.events), knots)
             turns = self.events / 2.0 * (time - time[0]) / (time[-1] - time[0])
             level = np.sin(2.0 * np.pi * (turns + wander) + random.uniform(0.0, 2.0 * np.pi))
         return np.broadcast_to(self.intensity * self.scale.stroke * level, free.shape)

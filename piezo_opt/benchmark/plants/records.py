@@ -23,11 +23,11 @@ _SIZES: dict[Level, tuple[float, float]] = {"standard": (3.0, 30.0), "hard": (0.
 _REFERENCE = 293.15
 """Temperature at which the base plant holds [K]."""
 _ATTEMPTS = 40
-_USUAL_NOISE = (5e-4, 5e-3)
-"""Noise over stroke that is asked for; limits of the effect may take it to a fifth or twice."""
+_USUAL_NOISE = (4e-4, 5e-3)
+"""Noise over stroke that is asked for; limits of the effect may take it to a quarter or twice."""
 _FINE_NOISE = (1e-4, 1e-3)
 """The same for interferometers."""
-_WORTH = 0.03
+_WORTH = 0.02
 """Unexplained rms over stroke beyond which no effect is asked to go."""
 
 
@@ -308,13 +308,15 @@ def _size(
     noise = usual * stroke
     found, rests = [], []
     for effect, ratio in zip(plant.effects, ratios, strict=True):
-        one, rest = _intensity(effect, take, plain, seen, ratio * noise)
+        low, high = type(effect).plausible
+        most = log_uniform(random, max(low, 0.25 * high), high)
+        one, rest = _intensity(effect, most, take, plain, seen, ratio * noise)
         found.append(one)
         rests.append(rest)
     effects = tuple(found)
-    alone = [_rms(rest) for rest in rests]
-    if not all(np.isfinite(alone)) or min(alone) == 0.0:
+    if min(rest.size for rest in rests) == 0:
         return None
+    alone = [_rms(rest) for rest in rests]
     reading = simulate(take.scene.base, effects, take.scene).reading
     unexplained = _rms(refit(base, take.drive, reading, seen))
     if len(effects) == 1:
@@ -325,7 +327,7 @@ def _size(
         if least > most:
             return None
         noise = float(np.clip(noise, least, most))
-    if not 0.2 * quiet * stroke <= noise <= 2.0 * loud * stroke:
+    if not 0.25 * quiet * stroke <= noise <= 2.0 * loud * stroke:
         return None
     distinct = tuple(
         _rms(rest - _projected(rest, [other for other in rests if other is not rest])) / noise
@@ -335,30 +337,37 @@ def _size(
 
 
 def _intensity(
-    effect: Hidden, take: _Take, plain: Trace, seen: Tangent, wanted: float
+    effect: Hidden, most: float, take: _Take, plain: Trace, seen: Tangent, wanted: float
 ) -> tuple[Hidden, Array]:
-    """The effect at the intensity where the base plant leaves ``wanted`` [m rms] of it."""
-    low, high = type(effect).plausible
-    at = float(np.sqrt(low * high))
-    order = 1.0
-    last: tuple[float, float] | None = None
+    """The effect at the intensity where the base plant leaves ``wanted`` [m rms] of it.
+
+    A secant on logarithms, up to ``most``; the nearest trial where no intensity will do.
+    """
+    low, high = type(effect).plausible[0], most
+    at, order = float(np.sqrt(low * high)), 1.0
+    tried: list[tuple[float, float]] = []
+    nearest, distance = (effect.at(at), np.zeros(0)), np.inf
     for _ in range(5):
         one = effect.at(at)
         reading = simulate(take.scene.base, (one,), take.scene).reading
         rest = seen.unexplained(reading - plain.reading)
         rms = _rms(rest)
-        if not np.isfinite(rms) or abs(rms / wanted - 1.0) < 0.15:
+        if not np.isfinite(rms) or rms == 0.0:
             break
-        if last is not None and last[0] != at and rms > 0.0 < last[1]:
-            slope = np.log(rms / last[1]) / np.log(at / last[0])
+        off = abs(float(np.log(rms / wanted)))
+        if off < distance:
+            nearest, distance = (one, rest), off
+        if off < 0.15 or (tried and rms < tried[-1][1] < wanted and at > tried[-1][0]):
+            break
+        if tried:
+            slope = np.log(rms / tried[-1][1]) / np.log(at / tried[-1][0])
             order = float(np.clip(slope, 0.5, 4.0)) if slope > 0.0 else 1.0
-        last = (at, rms)
-        step = (wanted / rms) ** (1.0 / order) if rms > 0.0 else 10.0
-        after = float(np.clip(at * np.clip(step, 0.05, 20.0), low, high))
+        tried.append((at, rms))
+        after = float(np.clip(at * (wanted / rms) ** (1.0 / order), low, high))
         if after == at:
             break
         at = after
-    return one, rest
+    return nearest
 
 
 def _rms(values: Array) -> float:
