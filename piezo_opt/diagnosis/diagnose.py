@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, final
 
+from piezo_opt.diagnosis.advice import Advice, experiments
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.held_out import HeldOut, hold_out
 from piezo_opt.diagnosis.ladder import Ladder, Step, climb
@@ -39,6 +40,8 @@ class Diagnosis:
         dropped: effects that a later step made unnecessary.
         structure: signs of structure in the final residual.
         held_out: how the judging data were chosen.
+        experiments: drives worth playing next, and what each would tell.
+        invisible: effects that no candidate drive would show.
     """
 
     fit: Fit
@@ -52,6 +55,8 @@ class Diagnosis:
     dropped: tuple[str, ...] = ()
     structure: Structure = field(default_factory=lambda: Structure(False, ()))
     held_out: str = ""
+    experiments: tuple[Advice, ...] = ()
+    invisible: tuple[str, ...] = ()
 
     def best(self) -> Effect:
         """The likeliest missing effect, to be added with ``model + diagnosis.best()``.
@@ -84,6 +89,12 @@ class Diagnosis:
             sentences.append(
                 f"This record could not have shown {', '.join(blind)}: their effect is hidden "
                 "behind the fitted parameters."
+            )
+        sentences += [experiment.sentence for experiment in self.experiments]
+        if self.invisible:
+            sentences.append(
+                f"None of the candidate drives would show {', '.join(self.invisible)}: change the "
+                "set-up (a load, a sensor, a temperature) from one record to the next."
             )
         if not self.noise.measured:
             sentences.append(
@@ -173,6 +184,7 @@ def diagnose(
     candidates: Sequence[Effect | type[Effect]] = (),
     withhold: Sequence[str] = (),
     ladder: bool = True,
+    advise: bool | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Name what is missing from a fitted model, and prove it on data that was not fitted.
@@ -183,6 +195,9 @@ def diagnose(
         candidates: effects of the user's own, beside the whole catalogue.
         withhold: catalogue names that shall not be considered.
         ladder: False stops after the scores.
+        threads: refits that run at a time; 1 where processes share the machine already.
+        advise: whether to plan experiments. Unless told, for groups that the record cannot split,
+            and for effects it cannot show where it shows none; True plans both, False none.
         progress: called with sentences about what is going on.
     """
     tell = progress if progress is not None else _silent
@@ -198,16 +213,25 @@ def diagnose(
     noise = noise_floor(fit)
     if not ladder:
         left = [e for e in offered if e.name not in fit.model]
-        suspects, unscored = score(BasePoint(fit), left)
+        suspects, unscored = score(BasePoint(fit), left, threads)
         return Diagnosis(fit, fit, "open", noise, by_name(suspects), unscored)
     held = hold_out(fit.question, test)
     baseline = _on(held, fit)
-    climbed = climb(baseline, held, offered, tell)
+    climbed = climb(baseline, held, offered, tell, threads)
     final = _whole(fit, climbed)
     floor = noise_floor(final)
     left_over = structure(final, floor)
     explained = "missing" if climbed.steps else "complete"
     verdict = "unexplained" if left_over.left else explained
+    planned: tuple[Advice, ...] = ()
+    invisible: tuple[str, ...] = ()
+    if advise is not False:
+        hidden = advise is True or verdict == "complete"
+        if hidden or any(len(s.group) > 1 for s in climbed.steps):
+            tell("comparing drives for the next experiment")
+        planned, invisible = experiments(
+            fit, climbed.steps, final, offered, floor.rms, hidden=hidden
+        )
     return Diagnosis(
         fit=fit,
         final=final,
@@ -220,6 +244,8 @@ def diagnose(
         dropped=climbed.dropped,
         structure=left_over,
         held_out=held.sentence,
+        experiments=planned,
+        invisible=invisible,
     )
 
 
