@@ -20,15 +20,18 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, final
+from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.base_point import BasePoint, Direction
 from piezo_opt.diagnosis.drives import Excitation, candidate_drives
+from piezo_opt.diagnosis.ladder import Step
+from piezo_opt.diagnosis.scores import effective_samples
 from piezo_opt.effects.base import Effect, Parameter
 from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.identification import Fit, Start
@@ -89,6 +92,18 @@ class Advice:
     detectable: Mapping[str, float]
     trials: tuple[Trial, ...]
     sentence: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, SI units."""
+        return {
+            "group": list(self.group),
+            "drive": self.drive.description,
+            "file": f"{self.drive.name}.csv",
+            "rate": self.rate,
+            "sigmas": self.sigmas,
+            "sigmas_here": self.here,
+            "detectable": dict(self.detectable),
+        }
 
 
 @final
@@ -239,6 +254,47 @@ def reveal(
         for name in shown:
             del left[name]
     return tuple(advices), tuple(left)
+
+
+def experiments(
+    fit: Fit,
+    steps: Sequence[Step],
+    final: Fit,
+    offered: Sequence[Effect],
+    noise: float,
+    *,
+    hidden: bool,
+) -> tuple[tuple[Advice, ...], tuple[str, ...]]:
+    """What to play after a ladder: for every group it could not split, and for what it hid.
+
+    Args:
+        fit: the baseline.
+        steps: accepted effects with their groups.
+        final: the fit at the top.
+        offered: every effect that was considered.
+        noise: root mean square of the reading's noise [m].
+        hidden: whether to look for drives that show what the records could not.
+
+    Returns:
+        the experiments, and the names that no candidate drive would show (or split).
+    """
+    # Slow noise carries less news a sample; what is left unexplained counts as noise.
+    news = effective_samples(final.residuals) / final.residuals.size
+    level = max(noise, final.rms) / float(np.sqrt(news))
+    kinds = {e.name: e for e in reversed(offered)}
+    found: list[Advice] = []
+    before = fit
+    for step in steps:
+        group = [kinds[n] for n in step.group if n in kinds and n != step.name]
+        if group:
+            # Without a size or a drive there is no experiment; the group is named anyway.
+            with suppress(PiezoOptError):
+                found.append(advise(before, [step.effect, *group], level))
+        before = step.fit
+    if not hidden:
+        return tuple(found), ()
+    shown, never = reveal(final, offered, level)
+    return (*found, *shown), never
 
 
 def write_drives(

@@ -85,7 +85,8 @@ class Diagnosis:
                     "this record: the answer is the group."
                 )
         blind = [s.name for s in self.suspects if s.visibility < 0.01]
-        if blind:
+        judged = bool(self.invisible) or any(e.detectable for e in self.experiments)
+        if blind and not judged:
             sentences.append(
                 f"This record could not have shown {', '.join(blind)}: their effect is hidden "
                 "behind the fitted parameters."
@@ -146,6 +147,7 @@ class Diagnosis:
             "unexplained": None,
             "clues": list(self.structure.clues),
             "advice": list(self.advice),
+            "experiments": [e.to_dict() for e in self.experiments],
         }
 
     def __str__(self) -> str:
