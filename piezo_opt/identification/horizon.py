@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol, final
+from typing import Protocol, cast, final
 
 import casadi as ca
 import numpy as np
@@ -27,8 +27,10 @@ from piezo_opt.simulation.schedule import Segment
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
-_UNIT = 1e-2
-"""Size of a residual in the program, as a share of the stroke."""
+_UNIT = 1e-3
+"""Size of the sum of squares in the program: that of this share of the stroke in every sample.
+
+Larger, and the multipliers lose digits; smaller, and weak directions converge too early."""
 _SNAP = 1e-6
 """Distance, in sizes of an unknown, within which an interior-point solution is on its bound."""
 
@@ -127,7 +129,8 @@ class Horizon:
             key = (id(system), names)
             group = found.get(key, Group(system, names, ()))
             found[key] = replace(group, chains=(*group.chains, number))
-        return Horizon(objective, theta, parts, sizes, _UNIT * stroke, tuple(found.values()))
+        unit = _UNIT * stroke * float(np.sqrt(objective.samples))
+        return Horizon(objective, theta, parts, sizes, unit, tuple(found.values()))
 
     def own(self, number: int) -> FloatArray:
         """The numbers of a chain that :meth:`Group.numbers` reads: kept values, then sizes."""
@@ -158,7 +161,7 @@ class Horizon:
             v, d = ca.SX.sym("v", n + len(group.locals)), ca.SX.sym("d", 2 + nc + group.size)
             p, deviation = group.numbers(v[n:], d[2 + nc :])
             at_rest = system.start(d[0], d[1], d[2 : 2 + nc], p, deviation)
-            function = _element(v, d, ca.SX(0, 1), v[:n] - at_rest / self.sizes)
+            function = element(v, d, ca.SX(0, 1), v[:n] - at_rest / self.sizes)
             variables, rows, data = [], [], []
             for number in group.chains:
                 if not self._from_rest(number):
@@ -209,7 +212,7 @@ class Horizon:
         v, d = ca.SX.sym("v", 2), ca.SX.sym("d", 0)
         variables, filled = np.vstack(pairs), np.concatenate(rows)[:, None]
         data = np.zeros((0, variables.shape[0]))
-        return [Element(_element(v, d, ca.SX(0, 1), v[0] - v[1]), variables, filled, data)]
+        return [Element(element(v, d, ca.SX(0, 1), v[0] - v[1]), variables, filled, data)]
 
     def priors(self, layout: Layout) -> list[Element]:
         """One residual for each prior, weighed against the noise as in single shooting."""
@@ -219,7 +222,7 @@ class Horizon:
             return []
         noise = float(question.noise or 1.0) / self.unit
         v, d = ca.SX.sym("v", 1), ca.SX.sym("d", 2)
-        function = _element(v, d, d[0] * v - d[1], ca.SX(0, 1))
+        function = element(v, d, d[0] * v - d[1], ca.SX(0, 1))
         variables = np.array([[layout.unknowns[0, k]] for k, _, _ in known])
         data = np.array([[noise * s / p.std, noise * p.mean / p.std] for _, s, p in known])
         return [Element(function, variables, np.zeros((len(known), 0), dtype=np.intp), data.T)]
@@ -257,11 +260,8 @@ class Horizon:
         )
 
 
-def _element(v: ca.SX, d: ca.SX, residual: ca.SX, constraint: ca.SX) -> ca.Function:
+def element(v: ca.SX, d: ca.SX, residual: ca.SX, constraint: ca.SX) -> ca.Function:
     return ca.Function("po_element", [v, d], [ca.densify(residual), ca.densify(constraint)])
-
-
-element = _element
 
 
 def rows_of(segment: Segment) -> FloatArray:
@@ -288,7 +288,7 @@ def identify_by_program(
             f"{type(solver).__name__} minimises residuals and cannot keep constraints: use it "
             "with transcription=SingleShooting(), or take solver=Ipopt()."
         )
-    taken: ProgramSolver = solver
+    taken: ProgramSolver = cast(ProgramSolver, solver)
     theta = unknowns.clip(start)
     objective = Objective(question, unknowns, theta, monitor)
     scale = unknowns.scale
@@ -309,6 +309,9 @@ def identify_by_program(
         if not objective.refine(theta):
             break
     assert solved is not None
+    if solved.ending is not Ending.CONVERGED and monitor.best is not None:
+        # Short of a solution the last iterate may be worse than an earlier one.
+        theta = monitor.best
     return Solution(theta, solved.ending, solved.sentence)
 
 

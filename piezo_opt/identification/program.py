@@ -214,7 +214,7 @@ def _differentiate(function: ca.Function, loss: Loss, curvature: Curvature) -> _
     )
 
 
-def _each(residual: ca.SX, loss: Loss, rule: Callable[[Any, Loss], Any]) -> ca.SX:
+def _each(residual: Any, loss: Loss, rule: Callable[[Any, Loss], Any]) -> Any:
     return ca.vertcat(*(rule(residual[i], loss) for i in range(residual.numel())))
 
 
@@ -242,8 +242,8 @@ def _rho_slope(r: Any, loss: Loss) -> Any:
     return 1.0 / (1.0 + z)
 
 
-def _nonzeros(matrix: ca.SX) -> ca.SX:
-    return ca.SX(ca.Sparsity.dense(matrix.nnz(), 1), matrix.nonzeros())
+def _nonzeros(matrix: Any) -> Any:
+    return ca.vertcat(*matrix.nonzeros()) if matrix.nnz() else ca.SX(0, 1)
 
 
 def _places(sparsity: ca.Sparsity) -> tuple[IntArray, IntArray]:

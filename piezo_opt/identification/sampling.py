@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +13,7 @@ from piezo_opt.assembly import System
 from piezo_opt.errors import ModelError
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.problem import Start
+from piezo_opt.measurement import Measurement
 from piezo_opt.simulation import INITIAL, Simulator
 from piezo_opt.simulation.engine import engine
 from piezo_opt.simulation.schedule import Segment, corners, cycle, segments
@@ -72,7 +74,7 @@ def chains(objective: Objective, theta: FloatArray) -> tuple[Chain, ...]:
                 counted = objective.counted[i][at[at >= 0]]
                 target[read] = np.where(counted, record.position[at[at >= 0]], 0.0)
                 weight[read] = np.where(counted, float(np.sqrt(weights[i])), 0.0)
-            states = _guess(system, cut, p, numbers, float(np.ptp(record.position)))
+            states = _guess(system, cut, p, numbers, record)
             found.append(Chain(i, cut, target, weight, states, closed))
     return tuple(found)
 
@@ -117,26 +119,57 @@ def _cut(segment: Segment, simulator: Simulator) -> Segment:
 
 
 def _guess(
-    system: System, cut: Segment, p: FloatArray, numbers: dict[str, float], stroke: float
+    system: System,
+    cut: Segment,
+    p: FloatArray,
+    numbers: dict[str, float],
+    record: Measurement,
 ) -> FloatArray:
-    """States simulated at the start values; held at the last sane value where they run away."""
+    """States simulated at the start values, the position corrected to what the record reads.
+
+    A simulation alone is a poor guess where the resonance is wrong: it has the phase of another
+    frequency. With the position from the record the program begins near the data, and the gaps
+    tell what is wrong. States that run away are held at their last sane value.
+    """
     deviation = np.array([numbers.get(INITIAL + n, 0.0) for n in system.state_names])
     given = (cut.time[0], cut.drive[0], cut.channels[0], p, deviation)
     first = np.array(system.start(*given), dtype=float).ravel()
     ones = np.ones(cut.length.size, dtype=np.int32)
-    run = engine(system, (), True).run(
-        cut, ones, p, first, np.zeros((first.size, 0)), states=True
-    )
+    run = engine(system, (), True).run(cut, ones, p, first, np.zeros((first.size, 0)), states=True)
     assert run.states is not None
     states = np.vstack([first, run.states])
+    stroke = float(np.ptp(record.position)) or 1.0
     lengths = np.array([unit == "m" for unit in system.state_units], dtype=bool)
     sane = np.isfinite(states).all(axis=1)
     with np.errstate(invalid="ignore"):
-        sane &= (np.abs(states[:, lengths]) <= _RUNAWAY * (stroke or 1.0)).all(axis=1)
-    if sane.all():
-        return states
+        sane &= (np.abs(states[:, lengths]) <= _RUNAWAY * stroke).all(axis=1)
     last = np.maximum.accumulate(np.where(sane, np.arange(sane.size), 0))
-    return np.where(np.isfinite(states[last]), states[last], 0.0)
+    held = np.where(np.isfinite(states[last]), states[last], 0.0)
+    place = position_of(system)
+    if place is None:
+        return held
+    end = cut.time + cut.length
+    time = np.append(cut.time[0], end)
+    drive = np.append(cut.drive[0], cut.drive + cut.slope * cut.length)
+    slope = np.append(cut.slope[0], cut.slope)
+    beside = np.vstack([cut.channels[:1], cut.channels + cut.channel_slopes * cut.length[:, None]])
+    rates = np.vstack([cut.channel_slopes[:1], cut.channel_slopes])
+    modelled = system.reading.map(time.size)(
+        time, held.T, drive, slope, beside.T, rates.T, ca.repmat(ca.DM(p), 1, time.size)
+    )
+    measured = np.interp(time, record.time - record.time[0], record.position)
+    missing = measured - np.array(modelled).ravel()
+    held[:, place] += np.where(np.isfinite(missing), missing, 0.0)
+    return held
+
+
+def position_of(system: System) -> int | None:
+    """Index of the position of the mechanics among the states, None for a quasi-static chain."""
+    for name, effect in system.model:
+        for state, declared in effect.declared_states.items():
+            if declared.position:
+                return system.state_names.index(f"{name}.{state}")
+    return None
 
 
 def state_sizes(parts: tuple[Chain, ...], units: tuple[str, ...], stroke: float) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import OptimizeResult, differential_evolution
+from scipy.optimize import Bounds, OptimizeResult, differential_evolution
 
 from piezo_opt.errors import InputError
 from piezo_opt.identification.objective import Objective
@@ -58,12 +58,15 @@ class DifferentialEvolution:
         box = Box.around(objective, theta)
         cost = ScalarCost(objective, theta)
 
+        def value(at: FloatArray) -> float:
+            return cost(box.outside(at))
+
         def report(intermediate_result: OptimizeResult) -> None:
             if cost.finite:
                 monitor.iterate(box.outside(intermediate_result.x), cost.best_rms)
 
         found: Any = differential_evolution(
-            lambda at: cost(box.outside(at)), [(0.0, 1.0)] * theta.size, x0=box.inside(theta),
+            value, Bounds(np.zeros(theta.size), np.ones(theta.size)), x0=box.inside(theta),
             rng=np.random.default_rng(self.seed), maxiter=self.generations,
             popsize=self.population, tol=self.tolerance, polish=False, callback=report,
         )  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import OptimizeResult, minimize
+from scipy.optimize import Bounds, OptimizeResult, minimize
 
 from piezo_opt.errors import InputError
 from piezo_opt.identification.objective import Objective
@@ -69,19 +69,25 @@ class NelderMead:
         def inside(at: FloatArray) -> FloatArray:
             return unknowns.clip(at * scale)
 
+        def value(at: FloatArray) -> float:
+            return cost(inside(at))
+
         def report(*, intermediate_result: OptimizeResult) -> None:
             monitor.iterate(inside(intermediate_result.x), cost.best_rms)
 
+        # Keyword-only by SciPy's convention, which its type stubs do not know.
+        callback: Any = report
         left = self.iterations
         for _ in range(self.restarts + 1):
+            height = cost(theta)
             simplex = _simplex(theta / scale, low, high, self.first_step)
             found: Any = minimize(
-                lambda at: cost(inside(at)), theta / scale, method="Nelder-Mead",
-                bounds=np.column_stack([low, high]), callback=report,
+                value, theta / scale, method="Nelder-Mead", bounds=Bounds(low, high),
+                callback=callback,
                 options={
                     "initial_simplex": simplex, "adaptive": self.adaptive,
                     "maxiter": left, "maxfev": 1000 * left,
-                    "xatol": self.tolerance, "fatol": self.tolerance * cost(theta),
+                    "xatol": self.tolerance, "fatol": self.tolerance * height,
                 },
             )  # fmt: skip
             theta, left = inside(np.asarray(found.x, dtype=float)), left - int(found.nit)

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Any, Final, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from piezo_opt.identification.objective import Objective
-from piezo_opt.identification.problem import Shape
 from piezo_opt.identification.outcome import Ending
+from piezo_opt.identification.problem import Shape
 from piezo_opt.identification.solvers.base import Solution
 
 FloatArray = NDArray[np.float64]
 
-_LOSS: Final = {
+_LOSS: Final[Mapping[Shape, Literal["linear", "soft_l1", "huber", "cauchy"]]] = {
     Shape.SQUARE: "linear",
     Shape.SOFT_L1: "soft_l1",
     Shape.HUBER: "huber",
