@@ -186,6 +186,7 @@ def diagnose(
     candidates: Sequence[Effect | type[Effect]] = (),
     withhold: Sequence[str] = (),
     ladder: bool = True,
+    threads: int = 2,
     advise: bool | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
