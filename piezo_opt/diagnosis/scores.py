@@ -18,6 +18,8 @@ Sources: Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57 (score test); Davies (
 
 from __future__ import annotations
 
+import inspect
+import traceback
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -102,7 +104,7 @@ def score(
         except PiezoOptError as error:
             return Unscored(effect.name, str(error))
         except Exception as error:
-            return Unscored(effect.name, _where(error))
+            return Unscored(effect.name, _where(error, effect))
         if not directions:
             return Unscored(effect.name, "its sensitivities are not finite on this record.")
         return _best(effect, directions, point.residual)
@@ -248,14 +250,10 @@ def effective_samples(r: FloatArray) -> float:
     return r.size / max(1.0, 1.0 + 2.0 * float(rho.sum()))
 
 
-def _where(error: Exception) -> str:
-    """An error inside a user's effect, with the line it happened on."""
-    trace = error.__traceback__
-    last = None
-    while trace is not None:
-        last = trace
-        trace = trace.tb_next
-    place = ""
-    if last is not None:
-        place = f" ({last.tb_frame.f_code.co_filename}, line {last.tb_lineno})"
-    return f"equations() raised {type(error).__name__}: {error}{place}."
+def _where(error: Exception, effect: Effect) -> str:
+    """An error inside a user's effect, with the line of the effect's own file that led to it."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if frame.filename == inspect.getfile(type(effect))]
+    at = (own or frames)[-1]
+    text = (str(error).splitlines() or [""])[0].rstrip(":. ")
+    return f"{at.filename}, line {at.lineno}: {type(error).__name__}: {text}."
