@@ -1,12 +1,13 @@
 """Optimal identification, diagnosis and control of piezoelectric actuators.
 
 The front door, in the order of the work: read a record, write the physics as a sum of effects,
-ask a question, solve it, compare, report.
+ask a question, solve it, compare, learn what is missing, add it, report.
 """
 
 from piezo_opt import effects
 from piezo_opt.comparison import Comparison, compare, uncontrolled_iae
 from piezo_opt.datasets import load, load_campaign
+from piezo_opt.diagnosis import Diagnosis, diagnose
 from piezo_opt.effects import Effect, Model
 from piezo_opt.errors import InputError, ModelError, PiezoOptError
 from piezo_opt.identification import (
@@ -41,6 +42,7 @@ __all__ = [
     "Campaign",
     "CmaEs",
     "Comparison",
+    "Diagnosis",
     "DifferentialEvolution",
     "Effect",
     "Fit",
@@ -63,6 +65,7 @@ __all__ = [
     "Values",
     "compare",
     "default_model",
+    "diagnose",
     "effects",
     "load",
     "load_campaign",

@@ -10,6 +10,7 @@ from typer.core import TyperGroup
 
 from piezo_opt.cli.compare import compare
 from piezo_opt.cli.demo import demo
+from piezo_opt.cli.diagnose import diagnose
 from piezo_opt.cli.fit import fit
 from piezo_opt.cli.report import report
 from piezo_opt.cli.simulate import simulate
@@ -43,7 +44,7 @@ class _OneSentence(TyperGroup):
 app = typer.Typer(
     cls=_OneSentence,
     name="piezo-opt",
-    help="Identify piezoelectric actuators: read a record, fit the physics, see where it fails.",
+    help="Identify piezoelectric actuators: read a record, fit the physics, see what is missing.",
     epilog="Begin with: piezo-opt demo",
     no_args_is_help=True,
     add_completion=False,
@@ -69,7 +70,7 @@ def _options(
     pass
 
 
-for command in (demo, fit, simulate, compare, report):
+for command in (demo, fit, diagnose, simulate, compare, report):
     app.command()(command)
 
 

@@ -1,0 +1,134 @@
+"""``piezo-opt diagnose``: which effect is missing, and does adding it hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from piezo_opt.cli import options as o
+from piezo_opt.cli import outputs
+from piezo_opt.cli.candidates import Candidates, read_candidates
+from piezo_opt.cli.choices import TranscriptionName
+from piezo_opt.cli.inputs import DEFAULT, Reading, asked, parted
+from piezo_opt.cli.solving import Solving, leave
+from piezo_opt.diagnosis import Diagnosis
+from piezo_opt.diagnosis import diagnose as examine
+from piezo_opt.diagnosis.advice import write_drives
+from piezo_opt.effects.catalogue import effect
+from piezo_opt.errors import InputError
+from piezo_opt.measurement import Campaign, Measurement
+
+
+def diagnose(
+    records: o.Records,
+    model: o.ModelPath = DEFAULT,
+    test: Annotated[
+        Path | None,
+        typer.Option(metavar="RECORD", help="Record to judge on, which nothing is fitted to."),
+    ] = None,
+    candidates: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.py", help="Effects of your own, beside the catalogue."),
+    ] = None,
+    withhold: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Effect not to be considered; repeat for more."),
+    ] = None,
+    json: o.Json = None,
+    report: o.Page = None,
+    drives: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write the drives worth playing next here, as CSV."),
+    ] = None,
+    time: o.Time = None,
+    drive: o.Drive = None,
+    position: o.Position = None,
+    record: o.RecordName = None,
+    between: o.BetweenSamples = None,
+    period: o.Period = None,
+    startup: o.Startup = None,
+    split: o.Split = None,
+    start: o.StartState = None,
+    solver: o.Solver = None,
+    transcription: o.Transcription = TranscriptionName.SINGLE,
+    overwrite: o.Overwrite = False,
+) -> None:
+    """Say where the model fails, which effect is missing, and whether adding it holds.
+
+    Fits the model, scores every absent effect, adds the likeliest, and keeps it when the
+    samples that were not fitted agree: those of --test, those after --split, or else the last
+    part of the record.
+
+    \b
+    Examples:
+      piezo-opt diagnose loop.csv --report loop.html
+      piezo-opt diagnose train.csv --test other.csv --json diagnosis.json
+      piezo-opt diagnose loop.csv --model mine.toml --candidates effects.py
+    """
+    if test is not None and split is not None:
+        raise InputError("--test and --split both say what to judge on: give one of them")
+    outputs.check({"--json": json, "--report": report}, overwrite=overwrite)
+    if drives is not None and not drives.is_dir():
+        raise InputError(f"--drives {drives}: there is no such folder: make it first")
+    for name in withhold or ():
+        effect(name)
+    own = Candidates() if candidates is None else read_candidates(candidates)
+    reading = Reading(time, drive, position, record, between, period, startup)
+    train, later = parted(reading.records(records), split)
+    held_out = _judge(later) if test is None else reading.single(test)
+    question, remarks = asked(model, train, start)
+    baseline = Solving(solver, transcription).fit(question, remarks)
+    leave(baseline)
+    with _telling() as tell:
+        found = examine(
+            baseline,
+            test=held_out,
+            candidates=own.effects,
+            withhold=tuple(withhold or ()),
+            progress=tell,
+        )
+    if json is not None:
+        outputs.write_json(json, found.to_dict(), overwrite=overwrite)
+    if report is not None:
+        from piezo_opt.report import write_report
+
+        write_report(report, found, overwrite=overwrite)
+    typer.echo(str(found))
+    for sentence in (*own.remarks, *remarks):
+        typer.echo(f"Remark: {sentence}")
+    if drives is not None:
+        _play(found, drives, overwrite=overwrite)
+
+
+def _judge(later: Campaign | None) -> Measurement | None:
+    """The part to judge on; of several records there is none that could stand for the others."""
+    if later is None:
+        return None
+    if len(later.records) > 1:
+        raise InputError("--split takes one record: of several, the last one is held out anyway")
+    return later.records[0]
+
+
+def _play(found: Diagnosis, folder: Path, *, overwrite: bool) -> None:
+    """Write the drives worth playing; without any, say so."""
+    if not found.experiments:
+        typer.echo("No drive is advised: there is no group to split, nothing hidden to show.")
+        return
+    for file in write_drives(found.experiments, folder, overwrite=overwrite):
+        typer.echo(f"Drive: {file}")
+
+
+@contextmanager
+def _telling() -> Iterator[Callable[[str], None] | None]:
+    """Shows what is going on, on a terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield None
+        return
+    with console.status("Diagnosis") as status:
+        yield lambda sentence: status.update(f"Diagnosis: {sentence}")
