@@ -264,6 +264,7 @@ def experiments(
     noise: float,
     *,
     hidden: bool,
+    threads: int = 2,
 ) -> tuple[tuple[Advice, ...], tuple[str, ...]]:
     """What to play after a ladder: for every group it could not split, and for what it hid.
 
@@ -274,6 +275,7 @@ def experiments(
         offered: every effect that was considered.
         noise: root mean square of the reading's noise [m].
         hidden: whether to look for drives that show what the records could not.
+        threads: drives that are judged at a time.
 
     Returns:
         the experiments, and the names that no candidate drive would show (or split).
@@ -289,11 +291,11 @@ def experiments(
         if group:
             # Without a size or a drive there is no experiment; the group is named anyway.
             with suppress(PiezoOptError):
-                found.append(advise(before, [step.effect, *group], level))
+                found.append(advise(before, [step.effect, *group], level, threads=threads))
         before = step.fit
     if not hidden:
         return tuple(found), ()
-    shown, never = reveal(final, offered, level)
+    shown, never = reveal(final, offered, level, threads=threads)
     return (*found, *shown), never
 
 

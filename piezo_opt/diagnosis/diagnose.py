@@ -233,7 +233,7 @@ def diagnose(
         if hidden or any(len(s.group) > 1 for s in climbed.steps):
             tell("comparing drives for the next experiment")
         planned, invisible = experiments(
-            fit, climbed.steps, final, offered, floor.rms, hidden=hidden
+            fit, climbed.steps, final, offered, floor.rms, hidden=hidden, threads=threads
         )
     return Diagnosis(
         fit=fit,
