@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from piezo_opt.benchmark.plants.drives import Drive
 from piezo_opt.benchmark.plants.physics import NAMES, STATIC, Array, Base, base_responses
@@ -79,42 +80,69 @@ def tangent(base: Base, vector: Array, drive: Drive) -> Tangent:
     )
 
 
-def refit(base: Base, drive: Drive, reading: Array, start: Tangent, *, steps: int = 10) -> Array:
-    """The residual of the best refit of the base plant to a clean reading [m]."""
+def refit(base: Base, drive: Drive, reading: Array, start: Tangent, *, steps: int = 12) -> Array:
+    """The residual of the best refit of the base plant to a reading [m].
+
+    Levenberg-Marquardt until no step promises more than 3 % of the sum of squares; a parameter
+    on its bound that wants to leave it is held there.
+    """
     here = start
     residual: Array = reading - here.reading
-    columns = list(moved(base))
+    columns = np.array(moved(base))
+    low, high = _bounds(base)
     values = drive.values[drive.first :]
-    for count in range(1, steps + 1):
-        seen = here.left.T @ residual
-        size = here.values[0] ** 2
-        trials = np.stack([
-            here.scale * (here.right.T @ (here.values / (here.values**2 + damp * size) * seen))
-            for damp in _DAMPING
-        ])  # fmt: skip
-        vectors = np.tile(here.vector, (len(_DAMPING), 1))
+    for _ in range(steps):
+        trials, promised = _trials(here, residual, low[columns], high[columns], columns)
+        before = float(residual @ residual)
+        if promised < 0.03 * before:
+            break
+        vectors = np.tile(here.vector, (trials.shape[0], 1))
         vectors[:, columns] += trials
-        vectors = _inside(base, vectors)
+        vectors = np.clip(vectors, low, high)
         with np.errstate(all="ignore"):  # a step too far may overflow, and is then not taken
             readings = base_responses(base, vectors, values, drive.held, drive.rate)
-        sums = np.sum((reading - readings) ** 2, axis=1)
+            sums = np.sum((reading - readings) ** 2, axis=1)
         best = int(np.argmin(np.where(np.isfinite(sums), sums, np.inf)))
-        before = float(residual @ residual)
         if not sums[best] < before:
-            return residual
+            break
         residual = reading - readings[best]
-        left = here.left.T @ residual
-        if count == steps or float(left @ left) < 0.03 * sums[best]:
-            return residual
+        # As good as the tangent said: only if it has more to promise is a new one worth its time.
+        spent = float(sums[best]) < 1.03 * (before - promised)
+        if spent and _trials(here, residual, low[columns], high[columns], columns)[1] < (
+            0.01 * before
+        ):
+            break
         here = tangent(base, vectors[best], drive)
-        left = here.left.T @ residual
-        if float(left @ left) < 0.03 * sums[best]:
-            return residual
     return residual
 
 
-def _inside(base: Base, vectors: Array) -> Array:
-    """The same parameters within what the plant's equations allow."""
+def _trials(
+    here: Tangent, residual: Array, low: Array, high: Array, columns: NDArray[np.intp]
+) -> tuple[Array, float]:
+    """Steps at every trial damping, and the decrease that the tangent promises."""
+    seen = here.left.T @ residual
+    shape = here.values[:, None] * here.right
+    at = here.vector[columns]
+    free = np.ones(columns.size, dtype=np.bool_)
+    size = here.values[0] ** 2
+    while True:
+        left, values, right = np.linalg.svd(shape[:, free], full_matrices=False)
+        kept = values > 1e-7 * here.values[0]
+        left, values, right = left[:, kept], values[kept], right[kept]
+        part = left.T @ seen
+        steps = np.zeros((_DAMPING.size, columns.size))
+        steps[:, free] = (values * part / (values**2 + _DAMPING[:, None] * size)) @ right
+        steps *= here.scale
+        # Outwards in the middling trial: the undamped one is too wild to decide by.
+        wanted = steps[_DAMPING.size // 2]
+        stuck = free & (((at <= low) & (wanted < 0.0)) | ((at >= high) & (wanted > 0.0)))
+        if not stuck.any():
+            return steps, float(part @ part)
+        free &= ~stuck
+
+
+def _bounds(base: Base) -> tuple[Array, Array]:
+    """Within which the parameters stay in a refit, in the order of NAMES."""
     low = np.full(len(NAMES), -np.inf)
     high = np.full(len(NAMES), np.inf)
     for name, least, most in (
@@ -126,4 +154,4 @@ def _inside(base: Base, vectors: Array) -> Array:
         ("zeta", 1e-4, 0.95),
     ):
         low[NAMES.index(name)], high[NAMES.index(name)] = least, most
-    return np.clip(vectors, low, high)
+    return low, high
