@@ -18,7 +18,6 @@ Sources: Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57 (score test); Davies (
 
 from __future__ import annotations
 
-import inspect
 import traceback
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -253,7 +252,9 @@ def effective_samples(r: FloatArray) -> float:
 def _where(error: Exception, effect: Effect) -> str:
     """An error inside a user's effect, with the line of the effect's own file that led to it."""
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if frame.filename == inspect.getfile(type(effect))]
+    own = [
+        frame for frame in frames if frame.filename == type(effect).equations.__code__.co_filename
+    ]
     at = (own or frames)[-1]
     text = (str(error).splitlines() or [""])[0].rstrip(":. ")
     return f"{at.filename}, line {at.lineno}: {type(error).__name__}: {text}."
