@@ -6,8 +6,8 @@ assembler hands it. Nothing else of the package's physics knows which symbolic e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, TypeAlias
+from collections.abc import Callable, Sequence
+from typing import Any, Final, TypeAlias
 
 import casadi as ca
 
@@ -123,6 +123,148 @@ def stack(parts: Sequence[Expression]) -> Expression:
 def sum_(column: Expression) -> Expression:
     """Sum of a column's elements."""
     return ca.sum1(column)
+
+
+def kinks(function: Any) -> Any:
+    """The quantities at whose zero a function has a corner or a jump.
+
+    Args:
+        function: an SX function.
+
+    Returns:
+        a function of the same inputs whose one output is a column with the argument of every
+        absolute value and sign, and the difference of every minimum and maximum, in order.
+    """
+    found: list[Expression] = []
+
+    def note(argument: Expression) -> None:
+        found.append(argument)
+
+    inputs, _ = _replayed(function, note)
+    return ca.Function("po_kinks", inputs, [ca.vertcat(*found) if found else ca.SX(0, 1)])
+
+
+def smoothed(function: Any, widths: Sequence[float]) -> Any:
+    """The same function with its corners rounded.
+
+        |a| -> sqrt(a^2 + w^2),   sign a -> a / sqrt(a^2 + w^2),
+        min, max (a, b) -> (a + b -+ |a - b|) / 2  with that absolute value
+
+    The width w of each is in the unit of its argument. Far from a corner the function does not
+    change; at it, an absolute value is w instead of 0. Choices by comparison stay as they are.
+
+    Args:
+        function: an SX function.
+        widths: one width for each of :func:`kinks`, 0 for a corner that is to stay.
+    """
+    left = iter(widths)
+
+    def rounded(argument: Expression) -> Expression | None:
+        width = next(left)
+        return ca.sqrt(argument * argument + width * width) if width else None
+
+    inputs, outputs = _replayed(function, rounded)
+    names_in = [function.name_in(i) for i in range(function.n_in())]
+    names_out = [function.name_out(i) for i in range(function.n_out())]
+    return ca.Function(function.name(), inputs, outputs, names_in, names_out)
+
+
+_UNARY: Final[dict[int, Callable[[Any], Any]]] = {
+    ca.OP_ASSIGN: lambda a: a,
+    ca.OP_NEG: lambda a: -a,
+    ca.OP_SQ: lambda a: a * a,
+    ca.OP_TWICE: lambda a: 2.0 * a,
+    ca.OP_INV: lambda a: 1.0 / a,
+    ca.OP_SQRT: ca.sqrt,
+    ca.OP_EXP: ca.exp,
+    ca.OP_LOG: ca.log,
+    ca.OP_LOG1P: ca.log1p,
+    ca.OP_EXPM1: ca.expm1,
+    ca.OP_SIN: ca.sin,
+    ca.OP_COS: ca.cos,
+    ca.OP_TAN: ca.tan,
+    ca.OP_ASIN: ca.asin,
+    ca.OP_ACOS: ca.acos,
+    ca.OP_ATAN: ca.atan,
+    ca.OP_SINH: ca.sinh,
+    ca.OP_COSH: ca.cosh,
+    ca.OP_TANH: ca.tanh,
+    ca.OP_ASINH: ca.asinh,
+    ca.OP_ACOSH: ca.acosh,
+    ca.OP_ATANH: ca.atanh,
+    ca.OP_ERF: ca.erf,
+    ca.OP_FLOOR: ca.floor,
+    ca.OP_CEIL: ca.ceil,
+    ca.OP_NOT: ca.logic_not,
+}
+_BINARY: Final[dict[int, Callable[[Any, Any], Any]]] = {
+    ca.OP_ADD: lambda a, b: a + b,
+    ca.OP_SUB: lambda a, b: a - b,
+    ca.OP_MUL: lambda a, b: a * b,
+    ca.OP_DIV: lambda a, b: a / b,
+    ca.OP_POW: lambda a, b: a**b,
+    ca.OP_CONSTPOW: lambda a, b: a**b,
+    ca.OP_LT: lambda a, b: a < b,
+    ca.OP_LE: lambda a, b: a <= b,
+    ca.OP_EQ: lambda a, b: a == b,
+    ca.OP_NE: lambda a, b: a != b,
+    ca.OP_AND: ca.logic_and,
+    ca.OP_OR: ca.logic_or,
+    ca.OP_IF_ELSE_ZERO: lambda a, b: ca.if_else(a, b, 0.0),
+    ca.OP_ATAN2: ca.atan2,
+    ca.OP_FMOD: ca.fmod,
+    ca.OP_COPYSIGN: ca.copysign,
+    ca.OP_HYPOT: ca.hypot,
+}
+
+
+def _replayed(
+    function: Any, size: Callable[[Expression], Expression | None]
+) -> tuple[list[Expression], list[Expression]]:
+    """The instructions of a function once more.
+
+    Every absolute value, hidden ones too, is taken by ``size``; where that is None it stays.
+    """
+    inputs = [
+        ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())
+    ]
+    entries = [[part.nz[i] for i in range(part.nnz())] for part in inputs]
+    outputs: list[list[Expression]] = [
+        [ca.SX(0.0)] * function.nnz_out(i) for i in range(function.n_out())
+    ]
+    work: dict[int, Expression] = {}
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        read, written = function.instruction_input(k), function.instruction_output(k)
+        if operation == ca.OP_INPUT:
+            work[written[0]] = entries[read[0]][read[1]]
+        elif operation == ca.OP_OUTPUT:
+            outputs[written[0]][written[1]] = work[read[0]]
+        elif operation == ca.OP_CONST:
+            work[written[0]] = ca.SX(function.instruction_constant(k))
+        elif operation == ca.OP_FABS:
+            taken = size(work[read[0]])
+            work[written[0]] = ca.fabs(work[read[0]]) if taken is None else taken
+        elif operation == ca.OP_SIGN:
+            taken = size(work[read[0]])
+            exact = taken is None
+            work[written[0]] = ca.sign(work[read[0]]) if exact else work[read[0]] / taken
+        elif operation in (ca.OP_FMIN, ca.OP_FMAX):
+            a, b = work[read[0]], work[read[1]]
+            apart, low = size(a - b), operation == ca.OP_FMIN
+            if apart is None:
+                work[written[0]] = ca.fmin(a, b) if low else ca.fmax(a, b)
+            else:
+                work[written[0]] = 0.5 * (a + b - apart if low else a + b + apart)
+        elif operation in _UNARY:
+            work[written[0]] = _UNARY[operation](work[read[0]])
+        else:
+            work[written[0]] = _BINARY[operation](work[read[0]], work[read[1]])
+    shapes = [function.sparsity_out(i) for i in range(function.n_out())]
+    return inputs, [
+        ca.SX(shape, ca.vertcat(*parts)) if parts else ca.SX(shape)
+        for shape, parts in zip(shapes, outputs, strict=True)
+    ]
 
 
 def _constant(a: Expression) -> float | None:

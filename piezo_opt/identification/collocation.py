@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.errors import InputError, ModelError
-from piezo_opt.identification.horizon import Group, Horizon, element, identify_by_program, rows_of
+from piezo_opt.identification.horizon import (
+    Group,
+    Horizon,
+    check_smoothing,
+    element,
+    identify_by_program,
+    rows_of,
+)
 from piezo_opt.identification.layout import Layout
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.problem import Identification
@@ -36,6 +43,8 @@ class Collocation:
         degree: number of collocation points in a sub-step.
         scheme: ``"legendre"`` (order 2 degree) or ``"radau"`` (order 2 degree - 1, damps stiff
             components).
+        smoothing: width within which corners of the equations are rounded, as in
+            :class:`MultipleShooting`.
 
     References: Biegler (2010), Nonlinear Programming, SIAM, ch. 10; Hairer & Wanner (1996),
     Solving Ordinary Differential Equations II, IV.5.
@@ -43,8 +52,10 @@ class Collocation:
 
     degree: int = 3
     scheme: Literal["legendre", "radau"] = "legendre"
+    smoothing: float = 0.0
 
     def __post_init__(self) -> None:
+        check_smoothing(self.smoothing)
         if not 1 <= self.degree <= 9:
             raise InputError(f"Collocation degree is {self.degree}; give 1 to 9 points.")
         if self.scheme not in ("legendre", "radau"):
@@ -99,7 +110,7 @@ class Collocation:
             begin, end = part.states / horizon.sizes, np.roll(part.states / horizon.sizes, -1, 0)
             between = begin[:, None, :] + tau[None, :, None] * (end - begin)[:, None, :]
             controls.append(between.reshape(begin.shape[0], self.degree * n))
-        return horizon.program(layout, elements, nodes, np.vstack(controls))
+        return horizon.program(layout, elements, nodes, np.vstack(controls), self.smoothing)
 
     def _equations(self, horizon: Horizon, group: Group, layout: Layout) -> Element:
         """The polynomial of one sub-step."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.assembly import System
-from piezo_opt.errors import ModelError
+from piezo_opt.errors import InputError, ModelError
 from piezo_opt.identification.layout import Layout
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Objective
@@ -23,6 +23,7 @@ from piezo_opt.identification.solvers.base import Solution
 from piezo_opt.identification.unknowns import Unknowns
 from piezo_opt.simulation import INITIAL
 from piezo_opt.simulation.schedule import Segment
+from piezo_opt.symbolic import kinks, smoothed
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -228,7 +229,12 @@ class Horizon:
         return [Element(function, variables, np.zeros((len(known), 0), dtype=np.intp), data.T)]
 
     def program(
-        self, layout: Layout, elements: list[Element], nodes: FloatArray, controls: FloatArray
+        self,
+        layout: Layout,
+        elements: list[Element],
+        nodes: FloatArray,
+        controls: FloatArray,
+        smoothing: float,
     ) -> Program:
         """Everything together.
 
@@ -237,6 +243,7 @@ class Horizon:
             elements: the transcription's own.
             nodes: (S, n) guess of the states.
             controls: (S, m) guess of the further variables.
+            smoothing: width of rounded corners, as a share of each argument's largest size.
         """
         unknowns = self.objective.unknowns
         start = np.zeros(layout.variables)
@@ -248,8 +255,9 @@ class Horizon:
         low[layout.unknowns[0]] = unknowns.low / unknowns.scale
         high[layout.unknowns[0]] = unknowns.high / unknowns.scale
         loss = self.objective.question.loss
+        own = [_rounded(one, start, smoothing) for one in elements] if smoothing else elements
         return Program(
-            elements=(*elements, *self.starts(layout), *self.ties(layout), *self.priors(layout)),
+            elements=(*own, *self.starts(layout), *self.ties(layout), *self.priors(layout)),
             loss=replace(loss, scale=loss.scale / self.unit),
             start=start,
             low=low,
@@ -260,8 +268,23 @@ class Horizon:
         )
 
 
+def _rounded(one: Element, start: FloatArray, share: float) -> Element:
+    """An element with its corners rounded by a share of what it meets at the start."""
+    corners = kinks(one.function)
+    if corners.numel_out(0) == 0:
+        return one
+    met = np.abs(np.array(corners.map(one.variables.shape[0])(start[one.variables].T, one.data)))
+    return replace(one, function=smoothed(one.function, (share * met.max(axis=1)).tolist()))
+
+
 def element(v: ca.SX, d: ca.SX, residual: ca.SX, constraint: ca.SX) -> ca.Function:
     return ca.Function("po_element", [v, d], [ca.densify(residual), ca.densify(constraint)])
+
+
+def check_smoothing(share: float) -> None:
+    """Refuse a width that makes no sense."""
+    if not 0.0 <= share < 1.0:
+        raise InputError(f"smoothing is {share}; give a share of at least 0 and below 1.")
 
 
 def rows_of(segment: Segment) -> FloatArray:
