@@ -75,6 +75,11 @@ class Diagnosis:
         )
 
     @property
+    def headline(self) -> str:
+        """The verdict in a sentence."""
+        return _headline(self)
+
+    @property
     def advice(self) -> tuple[str, ...]:
         """What to do next, in sentences."""
         sentences: list[str] = []
@@ -151,7 +156,7 @@ class Diagnosis:
         }
 
     def __str__(self) -> str:
-        lines = [_headline(self), "", self.noise.sentence, self.held_out, ""]
+        lines = [self.headline, "", self.noise.sentence, self.held_out, ""]
         lines.append(f"  {'suspect':<22} {'explains':>9} {'rms then':>10} {'visible':>8} {'p':>9}")
         for s in self.suspects[:8]:
             lines.append(
