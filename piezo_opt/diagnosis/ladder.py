@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, rms
+from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, effective_samples, score
+from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Effect
 from piezo_opt.identification import Fit, LevenbergMarquardt, solve
 
@@ -22,8 +24,14 @@ SIGNIFICANT = 1e-3
 """Corrected p-value below which a suspect is worth a refit."""
 STRONG = 10.0
 """Difference of BIC that counts as very strong evidence (Kass & Raftery 1995)."""
+_WORTH = 0.02
+"""Share by which the error must fall for an effect to be worth a name."""
+_TELLING = 0.02
+"""Score worth a refit when structure is left and no score is significant."""
+_ALIKE = 0.9
+"""Cosine at the foot from which two effects are the same physics in two shapes."""
 _SHORTLIST = 6
-_MOST_STEPS = 4
+_MOST_ROUNDS = 7
 
 
 @final
@@ -111,8 +119,11 @@ def climb(
     steps: list[Step] = []
     refined: list[str] = []
     error = error_on(fit, held.record)
-    while len(steps) < _MOST_STEPS:
+    for _ in range(_MOST_ROUNDS):
         likely = [s for s in now if s.p_value < SIGNIFICANT]
+        if not likely and structure(fit, noise_floor(fit)).left:
+            # A residual that comes in a few bursts leaves no score significant: let refits tell.
+            likely = [s for s in now if s.score > _TELLING][:3]
         if not likely:
             break
         short = _shortlist(likely)
@@ -125,7 +136,7 @@ def climb(
         taken: _Rung | None = None
         for rung in rungs:
             after = error_on(rung.fit, held.record)
-            if agrees(error, after):
+            if rung.fit.rms < (1.0 - _WORTH) * fit.rms and agrees(error, after):
                 taken = rung
                 break
         if taken is None:
@@ -134,6 +145,17 @@ def climb(
             freed = [n for n in taken.fit.question.free if n not in fit.question.free]
             refined += freed
             tell(f"freed {', '.join(freed)}")
+        elif (same := _sibling(taken.suspect, steps, suspects)) is not None:
+            # The same physics in a shape that one member alone does not have.
+            steps[same] = replace(
+                steps[same],
+                group=tuple(dict.fromkeys((*steps[same].group, taken.suspect.name))),
+                rms_after=taken.fit.rms,
+                held_out_after=rms(after),
+                delta_bic=steps[same].delta_bic + taken.delta_bic,
+                fit=taken.fit,
+            )
+            tell(f"{steps[same].name} shaped further by {taken.suspect.name}")
         else:
             steps.append(
                 Step(
@@ -153,14 +175,16 @@ def climb(
         fit, error = taken.fit, after
         now, _ = score(BasePoint(fit), _left(candidates, fit), threads)
     fit, kept, dropped = _prune(fit, steps)
-    return Ladder(baseline,
+    return Ladder(
+        baseline,
         fit,
         tuple(kept),
         by_name(first),
         unscored,
         by_name(now),
         tuple(refined),
-        tuple(dropped),)
+        tuple(dropped),
+    )
 
 
 def bic_gain(before: Fit, after: Fit, samples: float | None = None) -> float:
@@ -190,6 +214,18 @@ def _judged(before: Fit, rungs: Sequence[_Rung]) -> list[_Rung]:
     n = effective_samples(closest.fit.residuals)
     judged = [replace(r, delta_bic=bic_gain(before, r.fit, n)) for r in rungs]
     return sorted((r for r in judged if r.delta_bic > STRONG), key=lambda r: -r.delta_bic)
+
+
+def _sibling(suspect: Suspect, steps: Sequence[Step], foot: Sequence[Suspect]) -> int | None:
+    """Index of an accepted step that this suspect was mistaken for at the foot."""
+    own = [s for s in foot if s.name == suspect.name]
+    for index, step in enumerate(steps):
+        accepted = [s for s in foot if s.name == step.name]
+        for a in own:
+            for b in accepted:
+                if abs(float(a.direction @ b.direction)) > _ALIKE:
+                    return index
+    return None
 
 
 def _left(candidates: Sequence[Effect], fit: Fit) -> list[Effect]:

@@ -64,7 +64,10 @@ def _values(parameter: Parameter, record: Measurement, residual: FloatArray) -> 
         return [0.02 * top, 0.1 * top, 0.3 * top, 0.6 * top, 0.8 * top, 0.92 * top]
     if unit == "V/s":
         speed = np.abs(np.diff(record.drive) / np.diff(record.time))
-        return _numbers(np.unique(np.quantile(speed[speed > 0], [0.3, 0.6, 0.9, 0.99])))
+        usual = np.quantile(speed[speed > 0], [0.5, 0.9])
+        # A limit that acts on a few steps only lies far above the usual speed.
+        rare = speed.max() * np.array([0.05, 0.15, 0.4, 0.8])
+        return _numbers(np.unique(np.concatenate([usual, rare])))
     if unit == "m":
         return _numbers(stroke * np.geomspace(0.003, 0.3, 4))
     if unit == "1/m":
