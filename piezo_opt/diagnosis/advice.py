@@ -80,6 +80,7 @@ class Advice:
         sigmas: expected separation of the two most alike, or of the hardest to see from noise.
         here: the same on the fitted records.
         detectable: for effects to be shown, the gate's size [SI] that shows with five sigmas.
+        assumed: own parameters [SI] that are assumed of each member.
         trials: all drives judged, best first.
         sentence: the same in words.
     """
@@ -90,6 +91,7 @@ class Advice:
     sigmas: float
     here: float
     detectable: Mapping[str, float]
+    assumed: Mapping[str, Mapping[str, float]]
     trials: tuple[Trial, ...]
     sentence: str
 
@@ -103,18 +105,27 @@ class Advice:
             "sigmas": self.sigmas,
             "sigmas_here": self.here,
             "detectable": dict(self.detectable),
+            "assumed": {name: dict(own) for name, own in self.assumed.items()},
         }
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class _Member:
-    """An absent effect with the shapes and the size that are assumed of it."""
+    """An absent effect with the shapes and the size that are assumed of it.
+
+    ``size`` counts from the gate's null; ``grid`` are the shapes that it may take instead.
+    """
 
     effect: Effect
     shapes: Mapping[str, float]
     size: float
     grid: tuple[Mapping[str, float], ...]
+
+    def assumed(self) -> dict[str, float]:
+        """Own parameters by name, the gate among them."""
+        gate = _gate(self.effect)
+        return {**self.shapes, self.effect.gate or "": _null(gate) + self.size}
 
 
 def advise(
@@ -172,6 +183,7 @@ def advise(
         sigmas=best.sigmas,
         here=now,
         detectable={},
+        assumed={m.effect.name: m.assumed() for m in members},
         trials=trials,
         sentence=_split_sentence(names, best, now),
     )
@@ -247,6 +259,7 @@ def reveal(
                 sigmas=faint,
                 here=max(left[n][1] for n in shown),
                 detectable=detectable,
+                assumed={n: left[n][0].assumed() for n in shown},
                 trials=tuple(Trial(t[2], t[1], (t[4],) if t[4] else ()) for t in trials),
                 sentence=_reveal_sentence(drive, [left[n][0].effect for n in shown], detectable),
             )

@@ -99,8 +99,8 @@ class Diagnosis:
         sentences += [experiment.sentence for experiment in self.experiments]
         if self.invisible:
             sentences.append(
-                f"None of the candidate drives would show {', '.join(self.invisible)}: change the "
-                "set-up (a load, a sensor, a temperature) from one record to the next."
+                f"None of the candidate drives would show {', '.join(self.invisible)} of a usual "
+                "size: change the set-up (load, sensor, temperature) from one record to the next."
             )
         if not self.noise.measured:
             sentences.append(
