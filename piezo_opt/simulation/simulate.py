@@ -18,7 +18,7 @@ from piezo_opt.errors import InputError, ModelError
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation.accuracy import Accuracy, Substeps, choose
 from piezo_opt.simulation.engine import Engine, Run, engine
-from piezo_opt.simulation.schedule import Drive, Segment, corners, cycle, led_in, segments
+from piezo_opt.simulation.schedule import Drive, Segment, corners, led_in, segments
 from piezo_opt.simulation.scheme import INITIAL
 from piezo_opt.values import Values
 
@@ -146,7 +146,10 @@ class Simulator:
 
     @cached_property
     def _once(self) -> Segment:
-        return cycle(self._drive, float(self.record.period or 0.0))
+        """One period, read at its samples, which shows how far each state moves."""
+        closed = self._drive.closed
+        assert closed is not None
+        return segments(closed, closed.channel_time)
 
     def choose(
         self, values: Mapping[str, float], tolerance: float = TOLERANCE, most: int | None = None
@@ -197,10 +200,11 @@ class Simulator:
         start, once = self._periodic(p, substeps), self._once
         n, k = start.size, len(self.directions)
         unit = np.hstack([np.zeros((n, k)), np.eye(n)])
-        around = runner.run(once, substeps.of(once), p, start, unit).last_sensitivities
+        loop = runner.run(once, substeps.of(once), p, start, unit, states=True)
+        around = loop.last_sensitivities
         if not np.isfinite(around).all():
             return self.reading(values), np.full((segment.readings, k), np.nan)
-        closed = np.linalg.lstsq(np.eye(n) - around[:, k:], around[:, :k], rcond=None)[0]
+        closed = _solve(np.eye(n) - around[:, k:], around[:, :k], _sizes(loop))
         run = runner.run(segment, cut, p, start, unit)
         return run.reading, run.sensitivities[:, :k] + run.sensitivities[:, k:] @ closed
 
@@ -266,17 +270,37 @@ class Simulator:
             # Once around from rest: play and hysteresis come near the loop that they end on.
             x = self._plain.run(once, substeps, p, x, np.zeros((n, 0))).last
         for _ in range(_NEWTON):
-            run = runner.run(once, substeps, p, x, identity)
+            run = runner.run(once, substeps, p, x, identity, states=True)
             gap = run.last - x
             if not np.isfinite(run.last_sensitivities).all() or not np.isfinite(gap).all():
                 break
-            # Least squares: a memory that nothing fades leaves its start undetermined.
-            step = np.linalg.lstsq(identity - run.last_sensitivities, gap, rcond=None)[0]
+            sizes = _sizes(run)
+            step = _solve(identity - run.last_sensitivities, gap[:, None], sizes)[:, 0]
             x = x + step
-            if np.all(np.abs(step) <= 1e-9 * (np.abs(x) + np.abs(run.last).max(initial=0.0))):
+            if np.all(np.abs(step) <= 1e-9 * sizes):
                 self._steady = x
                 return x
         return np.full(n, np.nan)
+
+
+def _sizes(run: Run) -> FloatArray:
+    """How large each state becomes, 1 for one that never moves."""
+    assert run.states is not None
+    largest = np.abs(run.states).max(axis=0)
+    return np.where(largest > 0.0, largest, 1.0)
+
+
+def _solve(matrix: FloatArray, right: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Solution of ``matrix x = right`` by least squares, every state in its own size.
+
+    Least squares, because a memory that nothing fades leaves its start undetermined; scaled,
+    because volts beside metres would drown them in rounding.
+    """
+    if sizes.size == 0:
+        return right
+    scaled = matrix * sizes[None, :] / sizes[:, None]
+    found = np.linalg.lstsq(scaled, right / sizes[:, None], rcond=None)[0]
+    return np.asarray(found * sizes[:, None])
 
 
 def simulate(

@@ -1,0 +1,268 @@
+"""One simulation, two engines, several threads; and what it refuses."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, final
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from piezo_opt.effects import (
+    AmplifierLag,
+    BoucWen,
+    Chain,
+    Creep,
+    Delay,
+    Drift,
+    Effect,
+    Equations,
+    Friction,
+    Model,
+    Offset,
+    Parameter,
+    PiezoGain,
+    Place,
+    PrandtlIshlinskii,
+    Saturation,
+    SecondMode,
+    SecondOrder,
+)
+from piezo_opt.errors import ModelError
+from piezo_opt.measurement import Between, Measurement
+from piezo_opt.simulation import Initial, Simulator, Substeps, simulate
+from piezo_opt.simulation.compiler import find_compiler
+from piezo_opt.simulation.engine import engine
+from piezo_opt.values import Values
+
+FloatArray = NDArray[np.float64]
+
+needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="compiles C: no compiler")
+
+TIME = np.linspace(0.0, 119e-4, 120)
+DRIVE = np.asarray(20.7 + 44.1 * np.sin(2 * np.pi * 250 * TIME), dtype=np.float64)
+RECORD = Measurement(TIME, DRIVE, 1e-7 * DRIVE, period=4e-3)
+
+BASE = PiezoGain() + BoucWen() + SecondOrder() + Offset()
+MODELS: dict[str, Model] = {
+    "no states": PiezoGain() + Offset(),
+    "base": BASE,
+    "all places": AmplifierLag() + Saturation() + BASE + Creep() + Friction() + SecondMode()
+    + Drift() + Delay(),
+    "jumping states": PiezoGain() + PrandtlIshlinskii() + SecondOrder(),
+}  # fmt: skip
+
+
+def opened(model: Model) -> Values:
+    """Every gate away from its null, so that every effect acts."""
+    values = Values.nominal(model)
+    for gate in model.gates.values():
+        typical = model.parameters[gate].typical
+        assert typical is not None
+        values = values.with_({gate: 0.5 * (typical[0] + typical[1]) or typical[1]})
+    return values
+
+
+@needs_compiler
+@pytest.mark.parametrize("initial", list(Initial))
+@pytest.mark.parametrize("name", MODELS)
+def test_both_engines_give_the_same_numbers(name: str, initial: Initial) -> None:
+    model = MODELS[name]
+    values = opened(model)
+    directions = tuple(n for n, p in model.parameters.items() if not p.fixed)
+    runs = [
+        Simulator(
+            model, RECORD, values, directions=directions, initial=initial,
+            substeps=Substeps(2e-5, 2.0), prefer_compiled=compiled,
+        )
+        for compiled in (True, False)
+    ]  # fmt: skip
+    assert [r.compiled for r in runs] == [True, False]
+    (y, slopes), (other, other_slopes) = (r.with_sensitivities(values) for r in runs)
+    assert np.isfinite(y).all()
+    np.testing.assert_allclose(y, other, rtol=0, atol=1e-12 * np.ptp(y))
+    for column, direction in enumerate(directions):
+        size = np.abs(slopes[:, column]).max()
+        np.testing.assert_allclose(
+            slopes[:, column], other_slopes[:, column], rtol=0, atol=1e-11 * size, err_msg=direction
+        )
+    one, two = (r.response(values) for r in runs)
+    sizes = np.abs(two.states).max(axis=0, initial=0.0)
+    assert (np.abs(one.states - two.states) <= 1e-11 * sizes).all()
+    assert one.state_names == two.state_names
+
+
+def test_the_virtual_machine_goes_over_the_ends_of_its_chunks() -> None:
+    """A run of 11 000 sub-steps equals itself in one piece of 1 and of 3 sub-steps a sample."""
+    model = PiezoGain() + BoucWen()
+    time = np.linspace(0.0, 3.699, 3700)
+    record = Measurement(time, 50.0 * np.sin(time * 9.0), time)
+    values = Values.nominal(model)
+    run = Simulator(model, record, values, substeps=Substeps(0.34e-3, 1e9), prefer_compiled=False)
+    assert run.substeps(values) > 4096 + 2 * 512
+    whole = run.response(values)
+    cuts = Simulator(
+        model, record.slice(None, 0.5), values, substeps=Substeps(0.34e-3, 1e9),
+        prefer_compiled=False,
+    )  # fmt: skip
+    np.testing.assert_array_equal(cuts.reading(values), whole.reading[:500])
+    step = np.diff(whole.states[:, 0])
+    assert np.abs(step).max() < 1e-7
+
+
+@needs_compiler
+def test_several_threads_may_share_a_simulator() -> None:
+    model = BASE + Delay()
+    directions = ("bouc_wen.beta", "delay.T")
+    start = Values.nominal(model)
+    run = Simulator(model, RECORD, start, directions=directions, substeps=Substeps(2e-5, 1e9))
+    points = [
+        start.with_({"bouc_wen.beta": 0.01 + 1e-3 * k, "delay.T": 1e-4 * (k % 5)})
+        for k in range(60)
+    ]
+    alone = [run.with_sensitivities(p) for p in points]
+    with ThreadPoolExecutor(8) as pool:
+        together = list(pool.map(run.with_sensitivities, points))
+    for (y, slopes), (y_alone, slopes_alone) in zip(together, alone, strict=True):
+        np.testing.assert_array_equal(y, y_alone)
+        np.testing.assert_array_equal(slopes, slopes_alone)
+    assert np.ptp([y[-1] for y, _ in alone]) > 0
+
+
+def test_threads_may_build_the_same_simulator_at_once() -> None:
+    values = Values.nominal(BASE)
+
+    def build(_: int) -> FloatArray:
+        return Simulator(BASE, RECORD, values, substeps=Substeps(2e-5, 1e9)).reading(values)
+
+    with ThreadPoolExecutor(6) as pool:
+        readings = list(pool.map(build, range(12)))
+    for reading in readings:
+        np.testing.assert_array_equal(reading, readings[0])
+
+
+@final
+@dataclass(frozen=True)
+class Bell(Effect):
+    """Strain by an operation that C does not have.
+
+        s += k erfinv(v / 1000)
+
+    References: a user's own effect, 2026.
+    """
+
+    place = Place.STRAIN
+    k = Parameter("m", "strength", nominal=0.0, bounds=(-1.0, 1.0), null=0.0)
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """Contribution to the free displacement."""
+        return Equations(gives=p.k * ca.erfinv(chain.drive.value / 1000.0))
+
+
+def test_an_operation_that_c_does_not_have_is_left_to_casadi() -> None:
+    model = PiezoGain() + Bell()
+    run = Simulator(model, RECORD, {"piezo_gain.d": 1e-7, "bell.k": 1e-6})
+    assert not run.compiled
+    from scipy.special import erfinv
+
+    expected = 1e-7 * DRIVE + 1e-6 * erfinv(DRIVE / 1000.0)
+    reading = run.reading({"piezo_gain.d": 1e-7, "bell.k": 1e-6})
+    np.testing.assert_allclose(reading, expected, rtol=1e-12)
+
+
+def test_an_engine_refuses_arrays_of_the_wrong_size_instead_of_reading_beyond_them() -> None:
+    values = Values.nominal(BASE)
+    run = Simulator(BASE, RECORD, values, substeps=Substeps(1e-4, 1e9))
+    segment, cut = run.segment(values), run.accuracy.substeps.of(run.segment(values))
+    made = engine(run.system, ())
+    p, x, s = np.zeros(len(run.system.parameter_names)), np.zeros(3), np.zeros((3, 0))
+    if made.compiled:
+        for wrong in (
+            (segment, cut[:-1], p, x, s),
+            (segment, cut, p[:-1], x, s),
+            (segment, cut, p, x[:-1], s),
+            (segment, cut, p, x, np.zeros((3, 1))),
+        ):
+            with pytest.raises(ValueError, match=r"shape|needed"):
+                made.run(*wrong)
+        with pytest.raises(ValueError, match="needed"):
+            made.start(segment, p, np.zeros(4))
+
+
+def test_a_start_is_rest_plus_the_deviation_carried_downstream() -> None:
+    values = Values.nominal(BASE).with_({"initial.bouc_wen.h": 3e-7})
+    response = simulate(BASE, RECORD, values)
+    first = dict(zip(response.state_names, response.states[0], strict=True))
+    assert first["bouc_wen.h"] == 3e-7
+    assert first["second_order.x"] == pytest.approx(values["piezo_gain.d"] * DRIVE[0] - 3e-7)
+    assert first["second_order.w"] == 0.0
+    assert response.reading[0] == first["second_order.x"] + values["offset.y0"]
+
+
+def test_a_response_holds_what_was_asked_for() -> None:
+    response = simulate(BASE, RECORD, sensitivities=["offset.y0", "piezo_gain.d"])
+    assert response.directions == ("offset.y0", "piezo_gain.d")
+    np.testing.assert_array_equal(response.sensitivities[:, 0], 1.0)
+    np.testing.assert_array_equal(response.time, TIME)
+    assert response.states.shape == (120, 3)
+    assert 0 < response.accuracy.error < 5e-5 * np.ptp(response.reading)
+    assert simulate(BASE, RECORD).sensitivities.shape == (120, 0)
+    assert simulate(BASE, RECORD, prefer_compiled=False).compiled is False
+
+
+@pytest.mark.parametrize(
+    "name", ["bouc_wen.delta", "initial.bouc_wen.z", "initial.creep.z[0]", "offset.y1[0]", "d"]
+)
+def test_a_value_for_nothing_is_refused_by_name(name: str) -> None:
+    with pytest.raises(ModelError, match="no parameter or initial state") as caught:
+        simulate(BASE, RECORD, {name: 1.0})
+    assert f"'{name}'" in str(caught.value)
+
+
+def test_values_of_a_record_and_of_elements_are_known() -> None:
+    simulate(BASE + Creep(elements=2), RECORD, {"initial.creep.z[1]": 1e-8, "offset.y0[3]": 1e-7})
+
+
+def test_a_missing_value_is_asked_for_by_name() -> None:
+    run = Simulator(BASE, RECORD, Values.nominal(BASE))
+    with pytest.raises(ModelError, match=r"piezo_gain\.d"):
+        run.reading({})
+
+
+def test_a_constant_of_the_code_cannot_be_changed_behind_its_back() -> None:
+    values = Values.nominal(BASE)
+    run = Simulator(BASE, RECORD, values)
+    with pytest.raises(ModelError, match=r"bouc_wen\.n.*runtime"):
+        run.reading(values.with_({"bouc_wen.n": 1.5}))
+    # Given from the start, or named, it is a parameter like any other.
+    other = values.with_({"bouc_wen.n": 1.5})
+    given = Simulator(BASE, RECORD, other).reading(other)
+    named = Simulator(BASE, RECORD, values, runtime=("bouc_wen.n",))
+    assert np.abs(named.reading(other) - given).max() < 1e-4 * np.ptp(given)
+    assert np.abs(named.reading(values) - given).max() > 1e-4 * np.ptp(given)
+
+
+def test_where_there_is_no_periodic_state_the_reading_is_not_a_number() -> None:
+    # Negative damping grows from period to period; no made-up state is returned.
+    values = Values.nominal(BASE).with_({"second_order.zeta": -40.0, "second_order.omega": 1e7})
+    run = Simulator(
+        BASE, RECORD, values, initial=Initial.PERIODIC, directions=("piezo_gain.d",),
+        substeps=Substeps(1e-4, 1e9),
+    )  # fmt: skip
+    with np.errstate(all="ignore"):
+        reading, slopes = run.with_sensitivities(values)
+    assert np.isnan(reading).all()
+    assert np.isnan(slopes).all()
+
+
+def test_the_first_call_does_not_change_the_second() -> None:
+    values = Values.nominal(BASE)
+    for initial, between in ((Initial.REST, Between.HELD), (Initial.PERIODIC, Between.LINEAR)):
+        record = RECORD.with_(between=between)
+        run = Simulator(BASE, record, values, initial=initial, directions=("bouc_wen.beta",))
+        first = run.reading(values)
+        run.with_sensitivities(values.with_({"bouc_wen.beta": 0.3}))
+        np.testing.assert_allclose(run.reading(values), first, rtol=0, atol=1e-12 * np.ptp(first))
