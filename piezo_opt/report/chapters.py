@@ -46,10 +46,10 @@ def _fit(fit: Fit) -> list[Block]:
         Heading(f"Fit: {' + '.join(fit.model.names)}"),
         Lead(f"{fit.outcome.sentence} {_verdict(entry)}", good=fit.outcome.success),
         Table(columns(own)[1:]),
-        *_records(fit.records),
+        *records_of(fit.records),
         *_pictures((entry,)),
         Heading("What the numbers are", 3),
-        *_values(fit),
+        *values_of(fit),
     ]
     if fit.blind:
         blocks += [Heading("What the data cannot see", 3), Points(fit.blind)]
@@ -99,7 +99,7 @@ def _winner(comparison: Comparison) -> str:
     return f"Smallest error with {text}; against {others}. {_verdict(best)}"
 
 
-def _records(records: tuple[Measurement, ...]) -> list[Block]:
+def records_of(records: tuple[Measurement, ...]) -> list[Block]:
     blocks: list[Block] = [Heading("What was measured" if len(records) > 1 else "The record", 3)]
     for record in records:
         blocks.append(Text(repr(record).strip("<>") + "."))
@@ -127,8 +127,8 @@ def _pictures(entries: tuple[Entry, ...]) -> list[Block]:
         for entry in entries:
             if len(entries) > 1:
                 blocks.append(Text(f"{entry.label}:"))
-            blocks.append(Points(_sentences(entry, k)))
-        blocks += _where(entries, k)
+            blocks.append(Points(sentences_on(entry, k)))
+        blocks += pictures_of_error(entries, k)
     if len(misfits) > _MOST_RECORDS:
         blocks.append(
             Text(f"{len(misfits) - _MOST_RECORDS} more records are in the table only.", quiet=True)
@@ -136,12 +136,12 @@ def _pictures(entries: tuple[Entry, ...]) -> list[Block]:
     return blocks
 
 
-def _sentences(entry: Entry, record: int) -> tuple[str, ...]:
+def sentences_on(entry: Entry, record: int) -> tuple[str, ...]:
     one = Entry(entry.label, entry.fit, (entry.misfits[record],), entry.held_out)
     return one.sentences
 
 
-def _where(entries: tuple[Entry, ...], record: int) -> list[Block]:
+def pictures_of_error(entries: tuple[Entry, ...], record: int) -> list[Block]:
     drawn = (
         (
             figures.by_branch(entries, record),
@@ -173,7 +173,7 @@ def _where(entries: tuple[Entry, ...], record: int) -> list[Block]:
     return [Picture(figure, caption) for figure, caption in drawn if figure is not None]
 
 
-def _values(fit: Fit) -> list[Block]:
+def values_of(fit: Fit) -> list[Block]:
     kept = [n for n in fit.values if n not in fit.names and not n.startswith(INITIAL)]
     rows = [_row(fit, name) for name in (*fit.names, *kept)]
     heads = ("parameter", "value", "± 95 %", "unit", "meaning")

@@ -75,7 +75,7 @@ def over_time(entries: Sequence[Entry], record: int = 0) -> Figure:
         shown = entries[0].misfits[record]
         whole: Measurement = shown.record
         factor, unit = prefixed(whole.position_unit, whole.position)
-        seconds, time_unit = _clock(whole.time)
+        seconds, time_unit = clock(whole.time)
         above.plot(
             *_scaled(seconds, factor, *thinned(MOST_POINTS, whole.time, whole.position)),
             color=BLACK,
@@ -109,7 +109,7 @@ def over_time(entries: Sequence[Entry], record: int = 0) -> Figure:
         below.set_xlabel(labelled("time", time_unit))
         above.set_title("Over time")
         # Inside the axes there is signal everywhere.
-        _legend_below(made, above)
+        legend_below(made, above)
         return made
 
 
@@ -156,7 +156,7 @@ def by_branch(entries: Sequence[Entry], record: int = 0) -> Figure:
             axis.set_xlabel(labelled("drive", drive_unit))
         _share_y(axes)
         axes[0].set_ylabel(labelled("measured − model", unit))
-        _legend_below(made, axes[0])
+        legend_below(made, axes[0])
         return made
 
 
@@ -285,7 +285,7 @@ def correlations(entry: Entry, record: int = 0) -> Figure:
         axes[0].set_ylabel("correlation")
         axes[1].plot([], [], color="#dfe7f3", linewidth=7, label="99.9 % of white noise")
         axes[1].plot([], [], "o", color=VERMILLION, markersize=3.2, label="outside")
-        _legend_below(made, axes[1])
+        legend_below(made, axes[1])
         return made
 
 
@@ -412,7 +412,7 @@ def _trajectory(axis: Axes, steps: FloatArray, values: FloatArray, title: str, c
         axis.yaxis.set_major_locator(MaxNLocator(nbins=4))
 
 
-def _clock(time: FloatArray) -> tuple[float, str]:
+def clock(time: FloatArray) -> tuple[float, str]:
     span = float(time[-1] - time[0])
     if span < 1e-3:
         return 1e6, "µs"
@@ -432,7 +432,7 @@ def _share_y(axes: Sequence[Axes]) -> None:
         axis.set_ylim(low, high)
 
 
-def _legend_below(made: Figure, axis: Axes) -> None:
+def legend_below(made: Figure, axis: Axes) -> None:
     handles, names = axis.get_legend_handles_labels()
     fitting = max(1, 90 // (max(map(len, names)) + 8))
     made.legend(handles, names, loc="outside lower center", ncols=min(fitting, len(names)))

@@ -19,11 +19,11 @@ def write_report(
     title: str | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Write fits and comparisons, in the order given, as one self-contained HTML page.
+    """Write fits, comparisons and diagnoses, in the order given, as one self-contained HTML page.
 
     Args:
         path: of the page; it appears whole or not at all.
-        results: fits and comparisons.
+        results: fits, comparisons and diagnoses.
         title: of the page; by default the name of the file.
         overwrite: whether an existing file may be replaced.
 

@@ -1,0 +1,207 @@
+"""The chapter of a diagnosis, from the verdict down to what to measure next."""
+
+from __future__ import annotations
+
+from piezo_opt.comparison import Entry, compare
+from piezo_opt.diagnosis import Diagnosis
+from piezo_opt.report import diagnosis_figures, figures
+from piezo_opt.report.chapters import (
+    chapter,
+    pictures_of_error,
+    records_of,
+    sentences_on,
+    values_of,
+)
+from piezo_opt.report.page import (
+    Block,
+    Heading,
+    Lead,
+    Listing,
+    Picture,
+    Points,
+    Table,
+    Text,
+)
+from piezo_opt.units import show
+
+_BLIND = 0.05
+"""Visibility below which the fitted parameters hide an effect almost wholly."""
+
+
+@chapter.register
+def _diagnosis(diagnosis: Diagnosis) -> list[Block]:
+    entries = _before_and_after(diagnosis)
+    return [
+        Heading(f"Diagnosis: {diagnosis.verdict}"),
+        Lead(diagnosis.headline, good=diagnosis.verdict != "unexplained"),
+        Text(f"{diagnosis.noise.sentence} {diagnosis.held_out}".strip(), quiet=True),
+        *records_of(diagnosis.fit.records),
+        *_seen(entries),
+        *_where(entries),
+        *_suspects(diagnosis),
+        *_ladder(diagnosis),
+        *_left_over(diagnosis),
+        *_final(diagnosis),
+        *_cannot_tell(diagnosis),
+        *_advice(diagnosis),
+    ]
+
+
+def _before_and_after(diagnosis: Diagnosis) -> tuple[Entry, ...]:
+    if diagnosis.final is diagnosis.fit:
+        return compare(diagnosis.fit, names=("model",)).entries
+    return compare(diagnosis.fit, diagnosis.final, names=("before", "after")).entries
+
+
+def _seen(entries: tuple[Entry, ...]) -> list[Block]:
+    """Measured and modelled; of several records the one that the first model fits worst."""
+    k = _worst(entries[0])
+    before = " before and after the diagnosis" if len(entries) > 1 else ""
+    return [
+        Heading(f"Measured and modelled: {entries[0].misfits[k].record.name}", 3),
+        Picture(figures.loop(entries, k), f"The reading against the drive{before}."),
+        Picture(
+            figures.over_time(entries, k),
+            "The reading over time and, below, what the model leaves over.",
+        ),
+        Picture(
+            diagnosis_figures.zoom(entries, k),
+            "The stretch of that record in which the first model's error is largest.",
+        ),
+    ]
+
+
+def _where(entries: tuple[Entry, ...]) -> list[Block]:
+    k = _worst(entries[0])
+    first = entries[0]
+    return [
+        Heading(f"Where it fails: {first.misfits[k].record.name}", 3),
+        Points(sentences_on(first, k)),
+        *pictures_of_error(entries, k),
+    ]
+
+
+def _worst(entry: Entry) -> int:
+    errors = [metrics.rms for metrics in entry.by_record]
+    return errors.index(max(errors))
+
+
+def _suspects(diagnosis: Diagnosis) -> list[Block]:
+    shown = diagnosis_figures.suspects(diagnosis)
+    if shown is None:
+        return []
+    found = diagnosis.suspects
+    return [
+        Heading("Which effect is missing", 3),
+        Picture(
+            shown,
+            "Left: what each absent effect, alone, would explain of the error. Right: how much of "
+            "its trace is left once the fitted parameters have explained their share; what is "
+            "not visible cannot be told from them.",
+        ),
+        Table(
+            (
+                ("effect", tuple(s.name for s in found)),
+                ("explains", tuple(f"{100 * s.score:.1f} %" for s in found)),
+                ("rms then", tuple(show(s.predicted_rms, "m") for s in found)),
+                ("visible", tuple(f"{100 * s.visibility:.2g} %" for s in found)),
+                ("by chance", tuple(f"{s.p_value:.1e}" for s in found)),
+                ("alike", tuple(_alike(s.overlaps) for s in found)),
+            ),
+            prose=("alike",),
+        ),
+    ]
+
+
+def _alike(overlaps: tuple[tuple[str, float], ...]) -> str:
+    return ", ".join(f"{name} {cosine:.2f}" for name, cosine in overlaps[:3] if cosine > 0.7)
+
+
+def _ladder(diagnosis: Diagnosis) -> list[Block]:
+    shown = diagnosis_figures.ladder(diagnosis)
+    if shown is None:
+        return []
+    steps = diagnosis.steps
+    blocks: list[Block] = [
+        Heading("The ladder", 3),
+        Picture(
+            shown,
+            "Each point is a refit of the whole model. An effect is kept when the information "
+            "criterion and the data that were not fitted both agree; the band is the noise "
+            "floor with its 95 % range, below which there is nothing to explain.",
+        ),
+        Table(
+            (
+                ("added", tuple(s.name for s in steps)),
+                ("rms before", tuple(show(s.rms_before, "m") for s in steps)),
+                ("rms after", tuple(show(s.rms_after, "m") for s in steps)),
+                ("held out after", tuple(_length(s.held_out_after) for s in steps)),
+                ("BIC falls by", tuple(f"{s.delta_bic:.0f}" for s in steps)),
+                ("cannot be told from", tuple(", ".join(s.group[1:]) for s in steps)),
+            ),
+            prose=("cannot be told from",),
+        ),
+    ]
+    said = []
+    if diagnosis.refined:
+        said.append(f"Freed in the model on the way: {', '.join(diagnosis.refined)}.")
+    if diagnosis.dropped:
+        said.append(
+            f"Dropped again, because a later step made it unnecessary: "
+            f"{', '.join(diagnosis.dropped)}."
+        )
+    return [*blocks, *([Points(tuple(said))] if said else [])]
+
+
+def _length(metres: float | None) -> str:
+    return "" if metres is None else show(metres, "m")
+
+
+def _left_over(diagnosis: Diagnosis) -> list[Block]:
+    if not diagnosis.structure.clues:
+        return []
+    return [
+        Heading("What no effect explains", 3),
+        Points(diagnosis.structure.clues),
+    ]
+
+
+def _final(diagnosis: Diagnosis) -> list[Block]:
+    return [
+        Heading("The final model", 3),
+        Listing(str(diagnosis.final.model)),
+        Heading("What its numbers are", 3),
+        *values_of(diagnosis.final),
+    ]
+
+
+def _cannot_tell(diagnosis: Diagnosis) -> list[Block]:
+    said = [
+        f"{step.name} and {', '.join(step.group[1:])} explain it equally well: the answer is the "
+        "group."
+        for step in diagnosis.steps
+        if len(step.group) > 1
+    ]
+    hidden = [s.name for s in diagnosis.suspects if s.visibility < _BLIND and not s.score > 0.1]
+    if hidden:
+        said.append(
+            f"Less than {100 * _BLIND:.0f} % of the trace of {', '.join(hidden)} would be visible: "
+            "the fitted parameters take the rest."
+        )
+    said += diagnosis.final.blind
+    said += [f"Not looked at: {one.name}. {_capital(one.why)}" for one in diagnosis.unscored]
+    return [Heading("What this record cannot tell", 3), Points(tuple(said))] if said else []
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
+
+
+def _advice(diagnosis: Diagnosis) -> list[Block]:
+    blocks: list[Block] = []
+    if diagnosis.advice:
+        blocks += [Heading("What to do next", 3), Points(diagnosis.advice)]
+    return [
+        *blocks,
+        *(Picture(diagnosis_figures.to_play(one), one.sentence) for one in diagnosis.experiments),
+    ]

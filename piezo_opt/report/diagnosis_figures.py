@@ -1,0 +1,240 @@
+"""The pictures of a diagnosis: who is suspected, and how the error falls to the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from piezo_opt.comparison import Entry
+from piezo_opt.diagnosis import Diagnosis
+from piezo_opt.diagnosis.advice import Advice
+from piezo_opt.report.figures import clock, legend_below
+from piezo_opt.report.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    MODELS,
+    MOST_POINTS,
+    SKY,
+    VERMILLION,
+    figure,
+    labelled,
+    plain_log_ticks,
+    prefixed,
+    styled,
+    thinned,
+)
+
+_MOST_SUSPECTS = 12
+"""Bars; the table below them has all candidates."""
+_WINDOW = 0.04
+"""Part of the record that the zoom shows."""
+SIGNIFICANT = 1e-3
+"""Corrected p-value below which a bar is drawn in colour."""
+
+
+@final
+@dataclass(frozen=True)
+class Rung:
+    """One point of the ladder: errors [m] after what its label says."""
+
+    label: str
+    train: float
+    held_out: float | None
+
+
+def rungs(diagnosis: Diagnosis) -> tuple[Rung, ...]:
+    """The ladder from the baseline up; empty without an accepted step.
+
+    A base model that was freed on the way (an exponent) is a rung of its own.
+    """
+    if not diagnosis.steps:
+        return ()
+    first = diagnosis.steps[0]
+    found = [Rung("baseline", first.rms_before, first.held_out_before)]
+    freed = ", ".join(name.partition(".")[2] for name in diagnosis.refined)
+    for step in diagnosis.steps:
+        if not np.isclose(step.rms_before, found[-1].train, rtol=1e-6):
+            found.append(Rung(f"{freed} free", step.rms_before, step.held_out_before))
+        found.append(Rung(f"+ {step.name}", step.rms_after, step.held_out_after))
+    return tuple(found)
+
+
+def ladder(diagnosis: Diagnosis) -> Figure | None:
+    """Error after each accepted effect, fitted and held out, over the noise floor."""
+    points = rungs(diagnosis)
+    if not points:
+        return None
+    noise = diagnosis.noise
+    with styled():
+        made, (axis,) = figure(height=3.8)
+        train = np.array([p.train for p in points])
+        held = np.array([np.nan if p.held_out is None else p.held_out for p in points])
+        factor, unit = prefixed("m", train, held[np.isfinite(held)])
+        place = np.arange(len(points))
+        low, high = factor * noise.low, factor * noise.high
+        axis.axhspan(low, high, color="#d8efe6", zorder=0)
+        axis.axhline(
+            factor * noise.rms,
+            color=GREEN,
+            linewidth=1.2,
+            linestyle="-" if noise.measured else "--",
+            label=f"noise floor, {'measured' if noise.measured else 'estimated'}",
+        )
+        axis.plot(
+            place, factor * train, "o-", color=BLUE, markersize=7, linewidth=2, label="fitted data"
+        )
+        if np.isfinite(held).any():
+            axis.plot(
+                place,
+                factor * held,
+                "s--",
+                color=VERMILLION,
+                markersize=6,
+                linewidth=1.6,
+                label="held-out data",
+            )
+        values = factor * np.concatenate([train, held[np.isfinite(held)]])
+        bottom, top = min(values.min(), factor * noise.rms), values.max()
+        if top > 4.0 * bottom:
+            axis.set_yscale("log")
+            axis.set_ylim(0.7 * bottom, 1.8 * top)
+            plain_log_ticks(axis.yaxis)
+        else:
+            axis.set_ylim(0.0, 1.22 * top)
+        for x, now, other in zip(place, factor * train, factor * held, strict=True):
+            # Above whichever of the two is higher, so that no marker is covered.
+            up = np.nanmax([now, other])
+            axis.annotate(
+                f"{now:.3g} {unit}",
+                (float(x), float(up)),
+                xytext=(0, 9),
+                textcoords="offset points",
+                ha="center",
+                fontsize=9,
+                fontweight="bold",
+                color=BLUE,
+            )
+        axis.set_xticks(place, [p.label for p in points])
+        axis.set_xlim(-0.4, len(points) - 0.6)
+        axis.grid(visible=False, axis="x")
+        axis.set_ylabel(labelled("rms error", unit))
+        axis.set_title("The ladder: the error as effects are added")
+        legend_below(made, axis)
+        return made
+
+
+def suspects(diagnosis: Diagnosis) -> Figure | None:
+    """Share of the error that each absent effect would explain, and what the record can see."""
+    shown = diagnosis.suspects[:_MOST_SUSPECTS]
+    if not shown:
+        return None
+    taken = {step.name for step in diagnosis.steps}
+    with styled():
+        made, (left, right) = figure(1, 2, height=0.34 * len(shown) + 1.5)
+        place = np.arange(len(shown))[::-1]
+        colours = [
+            VERMILLION if s.name in taken else BLUE if s.p_value < SIGNIFICANT else "#c3c8d0"
+            for s in shown
+        ]
+        left.barh(place, [100.0 * s.score for s in shown], color=colours, height=0.62)
+        for y, suspect in zip(place, shown, strict=True):
+            left.annotate(
+                f"{100.0 * suspect.score:.3g} %",
+                (100.0 * suspect.score, float(y)),
+                xytext=(4, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8.5,
+            )
+        left.set_yticks(place, [s.name for s in shown])
+        left.set_xlim(0.0, 118.0)
+        left.set_xticks([0, 25, 50, 75, 100])
+        left.set_xlabel("share of the error explained [%]")
+        left.set_title("Suspects, before any refit")
+        for colour, text in (
+            (VERMILLION, "accepted"),
+            (BLUE, "beyond chance"),
+            ("#c3c8d0", "within chance"),
+        ):
+            if colour in colours:
+                left.plot([], [], "s", color=colour, markersize=7, label=text)
+        right.barh(place, [100.0 * s.visibility for s in shown], color=SKY, height=0.62)
+        for y, suspect in zip(place, shown, strict=True):
+            like = ", ".join(name for name, cosine in suspect.overlaps[:2] if cosine > 0.9)
+            right.annotate(
+                f"{100.0 * suspect.visibility:.2g} %" + (f"  like {like}" if like else ""),
+                (100.0 * suspect.visibility, float(y)),
+                xytext=(4, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8,
+                color="#40454e",
+            )
+        right.set_yticks([])
+        right.set_xlim(0.0, 175.0)
+        right.set_xticks([0, 50, 100])
+        right.set_xlabel("visible in this record [%]")
+        right.set_title("Could the record show it, and what is alike")
+        for axis in (left, right):
+            axis.grid(visible=False, axis="y")
+            axis.set_ylim(-0.7, len(shown) - 0.3)
+        legend_below(made, left)
+        return made
+
+
+def zoom(entries: Sequence[Entry], record: int = 0) -> Figure:
+    """The stretch where the first model's error is largest, measured and modelled."""
+    with styled():
+        made, (axis,) = figure(height=3.0)
+        shown = entries[0].misfits[record]
+        part = window(shown.error)
+        time, measured = shown.time[part], shown.measured[part]
+        factor, unit = prefixed(shown.record.position_unit, measured)
+        seconds, time_unit = clock(shown.time)
+        few = time.size <= 200
+        axis.plot(
+            seconds * time,
+            factor * measured,
+            "o-" if few else "-",
+            color=BLACK,
+            markersize=3.0,
+            linewidth=0.6 if few else 1.0,
+            label="measured",
+        )
+        for entry, colour in zip(entries, MODELS, strict=False):
+            mine = entry.misfits[record]
+            modelled = (mine.measured - mine.error)[part]
+            axis.plot(seconds * time, factor * modelled, color=colour, label=entry.label)
+        axis.set_xlabel(labelled("time", time_unit))
+        axis.set_ylabel(labelled("displacement", unit))
+        axis.set_title("Where the first model is worst")
+        legend_below(made, axis)
+        return made
+
+
+def window(error: np.ndarray[tuple[int], np.dtype[np.float64]]) -> slice:
+    """The part of a record in which the mean square error is largest, 20 samples at least."""
+    count = min(error.size, max(20, round(_WINDOW * error.size)))
+    power = np.concatenate([[0.0], np.cumsum(error**2)])
+    begin = int(np.argmax(power[count:] - power[:-count]))
+    return slice(begin, begin + count)
+
+
+def to_play(advice: Advice) -> Figure:
+    """The drive that is worth playing next."""
+    with styled():
+        made, (axis,) = figure(height=2.3)
+        time, voltage = advice.drive.samples(advice.rate)
+        seconds, time_unit = clock(time)
+        time, voltage = thinned(MOST_POINTS, time, voltage)
+        axis.plot(seconds * time, voltage, color=GREY, linewidth=1.0)
+        axis.set_xlabel(labelled("time", time_unit))
+        axis.set_ylabel(labelled("drive", advice.drive.unit))
+        axis.set_title(advice.drive.description[:1].upper() + advice.drive.description[1:])
+        return made
