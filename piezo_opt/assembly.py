@@ -102,9 +102,7 @@ class _Assembler:
                 raise ModelError(f"{name}: {refusal}")
         self.time = ca.SX.sym("t")
         self.command = Signal(ca.SX.sym("u"), ca.SX.sym("du"))
-        self.channels = {
-            n: Signal(ca.SX.sym(n), ca.SX.sym(f"d_{n}")) for n in self.channel_names
-        }
+        self.channels = {n: Signal(ca.SX.sym(n), ca.SX.sym(f"d_{n}")) for n in self.channel_names}
         self.p = {n: ca.SX.sym(n) for n in model.parameters if n not in constants}
         self.x = {
             f"{n}.{s}": ca.SX.sym(f"{n}.{s}", size)
@@ -324,9 +322,7 @@ class _Assembler:
         at_rest = _in_order(definitions)(x)
         still = [self.command.rate, *self.dx.values(), *(s.rate for s in self.channels.values())]
         at_rest = ca.substitute([at_rest], still, [ca.SX.zeros(s.shape) for s in still])[0]
-        return ca.Function(
-            "po_start", [self.time, self.command.value, c, p, deviation], [at_rest]
-        )
+        return ca.Function("po_start", [self.time, self.command.value, c, p, deviation], [at_rest])
 
 
 def _signal(name: str) -> Signal:
