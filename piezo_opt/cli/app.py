@@ -8,6 +8,7 @@ from typing import Annotated, Any, final
 import typer
 from typer.core import TyperGroup
 
+from piezo_opt.cli.bench import bench
 from piezo_opt.cli.compare import compare
 from piezo_opt.cli.demo import demo
 from piezo_opt.cli.diagnose import diagnose
@@ -72,6 +73,7 @@ def _options(
 
 for command in (demo, fit, diagnose, simulate, compare, report):
     app.command()(command)
+app.add_typer(bench)
 
 
 def main() -> None:

@@ -34,7 +34,7 @@ class Solving:
 
     def fit(self, question: Identification, remarks: tuple[str, ...], what: str = "Fit") -> Fit:
         """Solve, showing how far it is on a terminal; the remarks join those of the fit."""
-        with _progress(what) as tell, _executor(self.workers) as executor:
+        with _progress(what) as tell, pool(self.workers) as executor:
             answer = solve(
                 question,
                 transcription=choices.transcription(self.transcription),
@@ -61,19 +61,20 @@ def leave(fit: Fit) -> None:
 
 
 @contextmanager
-def _executor(workers: int) -> Iterator[Executor | None]:
+def pool(workers: int) -> Iterator[Executor | None]:
+    """Processes that share the work; None for one alone."""
     if workers == 1:
         yield None
         return
     # A forked child would share the threads of libraries that are already loaded.
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_deaf)
+    processes = ProcessPoolExecutor(workers, mp_context=context, initializer=_deaf)
     before = set(multiprocessing.active_children())
     try:
-        yield pool
+        yield processes
     finally:
         # Whatever is needed has been handed over by now; what still runs was interrupted.
-        pool.shutdown(wait=False, cancel_futures=True)
+        processes.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
 

@@ -113,15 +113,14 @@ def ladder(diagnosis: Diagnosis) -> Figure | None:
             axis.annotate(
                 f"{now:.3g} {unit}",
                 (float(x), float(up)),
-                xytext=(0, 9),
+                xytext=(7, 6),
                 textcoords="offset points",
-                ha="center",
                 fontsize=9,
                 fontweight="bold",
                 color=BLUE,
             )
         axis.set_xticks(place, [p.label for p in points])
-        axis.set_xlim(-0.4, len(points) - 0.6)
+        axis.set_xlim(-0.3, len(points) - 0.45)
         axis.grid(visible=False, axis="x")
         axis.set_ylabel(labelled("rms error", unit))
         axis.set_title("The ladder: the error as effects are added")
@@ -173,14 +172,14 @@ def suspects(diagnosis: Diagnosis) -> Figure | None:
                 xytext=(4, 0),
                 textcoords="offset points",
                 va="center",
-                fontsize=8,
+                fontsize=7.5,
                 color="#40454e",
             )
         right.set_yticks([])
-        right.set_xlim(0.0, 175.0)
+        right.set_xlim(0.0, 200.0)
         right.set_xticks([0, 50, 100])
         right.set_xlabel("visible in this record [%]")
-        right.set_title("Could the record show it, and what is alike")
+        right.set_title("Could it be seen, and what is alike")
         for axis in (left, right):
             axis.grid(visible=False, axis="y")
             axis.set_ylim(-0.7, len(shown) - 0.3)
@@ -189,16 +188,18 @@ def suspects(diagnosis: Diagnosis) -> Figure | None:
 
 
 def zoom(entries: Sequence[Entry], record: int = 0) -> Figure:
-    """The stretch where the first model's error is largest, measured and modelled."""
+    """The stretch where the first model's error is largest: reading above, error below."""
     with styled():
-        made, (axis,) = figure(height=3.0)
+        made, (above, below) = figure(2, height=4.0, sharex=True, heights=(1.4, 1.0))
         shown = entries[0].misfits[record]
         part = window(shown.error)
         time, measured = shown.time[part], shown.measured[part]
         factor, unit = prefixed(shown.record.position_unit, measured)
+        errors = [entry.misfits[record].error[part] for entry in entries]
+        small, small_unit = prefixed(shown.record.position_unit, *errors)
         seconds, time_unit = clock(shown.time)
         few = time.size <= 200
-        axis.plot(
+        above.plot(
             seconds * time,
             factor * measured,
             "o-" if few else "-",
@@ -207,14 +208,16 @@ def zoom(entries: Sequence[Entry], record: int = 0) -> Figure:
             linewidth=0.6 if few else 1.0,
             label="measured",
         )
-        for entry, colour in zip(entries, MODELS, strict=False):
-            mine = entry.misfits[record]
-            modelled = (mine.measured - mine.error)[part]
-            axis.plot(seconds * time, factor * modelled, color=colour, label=entry.label)
-        axis.set_xlabel(labelled("time", time_unit))
-        axis.set_ylabel(labelled("displacement", unit))
-        axis.set_title("Where the first model is worst")
-        legend_below(made, axis)
+        for entry, error, colour in zip(entries, errors, MODELS, strict=False):
+            label = entry.label if len(entries) > 1 else "model"
+            above.plot(seconds * time, factor * (measured - error), color=colour, label=label)
+            below.plot(seconds * time, small * error, color=colour)
+        below.axhline(0.0, color=BLACK, linewidth=0.7)
+        below.set_xlabel(labelled("time", time_unit))
+        above.set_ylabel(labelled("displacement", unit))
+        below.set_ylabel(labelled("measured −\nmodel", small_unit))
+        above.set_title("Where the first model is worst")
+        legend_below(made, above)
         return made
 
 

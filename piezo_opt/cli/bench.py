@@ -1,0 +1,103 @@
+"""``piezo-opt bench``: the package's own claims, measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from piezo_opt.cli import options as o
+from piezo_opt.cli import outputs
+from piezo_opt.cli.solving import pool
+
+bench = typer.Typer(
+    name="bench",
+    help="Measure what the package claims.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+class Size(Enum):
+    """Sizes of hidden effects."""
+
+    STANDARD = "standard"
+    HARD = "hard"
+
+
+@bench.callback()
+def _front() -> None:
+    """Measure what the package claims."""
+
+
+@bench.command()
+def hidden(
+    classes: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B+C",
+            help="Classes of hidden effects, 'none', 'two', or pairs; all unless given.",
+        ),
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Records of each class.")] = 20,
+    first_seed: Annotated[int, typer.Option(min=0, metavar="N", help="Where seeds begin.")] = 0,
+    level: Annotated[
+        Size, typer.Option(help="Effects of 3 to 30 times the noise, or of 0.7 to 3.")
+    ] = Size.STANDARD,
+    samples: Annotated[int, typer.Option(min=500, metavar="N", help="Of each record.")] = 8000,
+    workers: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Processes that share the records.")
+    ] = 1,
+    json: o.Json = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.jsonl", help="Keeps finished records; a second run goes on from it."
+        ),
+    ] = None,
+    overwrite: o.Overwrite = False,
+) -> None:
+    """Hide effects in plants that share no code with the package, and see what is named.
+
+    Ctrl-C prints the table of what was done.
+
+    \b
+    Examples:
+      piezo-opt bench hidden --seeds 2
+      piezo-opt bench hidden --classes none,creep,two --workers 2 --json hidden.json
+      piezo-opt bench hidden --level hard --workers 2 --log hard.jsonl
+    """
+    from piezo_opt.benchmark.hidden import hidden_bench
+
+    outputs.check({"--json": json}, overwrite=overwrite)
+    asked = None if classes is None else [one.strip() for one in classes.split(",")]
+    with pool(workers) as executor, _counting() as tell:
+        found = hidden_bench(
+            asked,
+            seeds,
+            level.value,
+            first_seed=first_seed,
+            samples=samples,
+            executor=executor,
+            progress=tell,
+            log=log,
+        )
+    if json is not None:
+        outputs.write_json(json, found.to_dict(), overwrite=overwrite)
+    typer.echo(str(found))
+
+
+@contextmanager
+def _counting() -> Iterator[Callable[[int, int], None] | None]:
+    """Shows how many records are done, on a terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield None
+        return
+    with console.status("Making the first records") as status:
+        yield lambda done, of: status.update(f"{done} of {of} records")
