@@ -260,7 +260,7 @@ class VirtualMachine:
 
 
 _MOVING = ("h", "du", "dc", "hT", "t", "u", "c", "uT", "tT", "cT")
-_CHUNKS = (4096, 512, 64)
+_CHUNKS = (512, 64)
 
 
 def _accumulator(step: ca.Function, size: int) -> ca.Function:
