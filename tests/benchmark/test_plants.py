@@ -163,6 +163,8 @@ def test_a_seed_makes_the_same_records_again() -> None:
     assert all(same(a, b) for a, b in zip(first, again, strict=True))
     assert not same(first[0], other[0])
     train, test = first
+    (alone,) = make(("creep", "friction"), 3, samples=1000, test=False)
+    assert same(alone, train)
     assert not np.array_equal(train.drive, test.drive)
     assert train.meta.intensities == test.meta.intensities
     assert train.meta.base.gain == test.meta.base.gain

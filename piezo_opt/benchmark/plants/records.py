@@ -45,8 +45,8 @@ class Facts:
         stroke: of the clean reading, peak to peak [m].
         unexplained: rms that the best refit of the base plant leaves of the clean reading [m].
         ratio: ``unexplained`` over the noise rms.
-        sizes: per effect, its own ratio, all others absent (linearised).
-        distinct: per effect, what of that ratio the other effects' directions cannot imitate.
+        sizes: per effect, its own ratio, all others absent.
+        distinct: per effect, what of that ratio the others' directions cannot imitate (linearised).
         intensities: per effect, relative to the plant's scale.
         forms: per effect, in which form it was written, where there are several.
         base: the base plant and its start.
@@ -134,8 +134,8 @@ def make(
     if not 0.0 < sizes[0] <= sizes[1]:
         raise ValueError(f"Sizes run from a positive number upwards, not {sizes}.")
     shows = [INSIDE[name] if name in INSIDE else BEYOND[name] for name in names]
+    key = crc32(f"{','.join(names)}:{level}".encode())
     for attempt in range(_ATTEMPTS):
-        key = crc32(f"{','.join(names)}:{level}".encode())
         random = np.random.default_rng([seed, key, attempt])
         plant = _plant(random, shows, samples)
         train = _take(random, plant, shows, samples, seed)
@@ -147,10 +147,12 @@ def make(
             f"No plausible plant shows {' and '.join(names)} at sizes {sizes[0]:g} to "
             f"{sizes[1]:g} times its noise: ask for other sizes or classes."
         )
-    taken = [train]
-    if test:
-        taken.append(_take(random, plant, shows, samples, seed + 1))
-    return tuple(_record(random, plant, one, sized, names, seed) for one in taken)
+    noise = np.random.default_rng([seed, key, _ATTEMPTS])
+    first = _record(noise, plant, train, sized, names, seed)
+    if not test:
+        return (first,)
+    other = _take(random, plant, shows, samples, seed + 1)
+    return first, _record(noise, plant, other, sized, names, seed)
 
 
 @final
@@ -316,9 +318,8 @@ def _size(
     effects = tuple(found)
     if min(rest.size for rest in rests) == 0:
         return None
-    alone = [_rms(rest) for rest in rests]
-    reading = simulate(take.scene.base, effects, take.scene).reading
-    unexplained = _rms(refit(base, take.drive, reading, seen))
+    alone = [_unexplained(base, take, seen, (effect,)) for effect in effects]
+    unexplained = alone[0]
     if len(effects) == 1:
         noise = unexplained / ratios[0]
     else:
@@ -329,11 +330,20 @@ def _size(
         noise = float(np.clip(noise, least, most))
     if not 0.25 * quiet * stroke <= noise <= 2.0 * loud * stroke:
         return None
+    if len(effects) > 1:
+        unexplained = _unexplained(base, take, seen, effects)
     distinct = tuple(
-        _rms(rest - _projected(rest, [other for other in rests if other is not rest])) / noise
-        for rest in rests
+        one * (1.0 - (_rms(_projected(rest, rests[:i] + rests[i + 1 :])) / _rms(rest)) ** 2) ** 0.5
+        for i, (one, rest) in enumerate(zip(alone, rests, strict=True))
     )
+    distinct = tuple(one / noise for one in distinct)
     return _Sized(effects, noise, unexplained, tuple(a / noise for a in alone), distinct)
+
+
+def _unexplained(base: Base, take: _Take, seen: Tangent, effects: Sequence[Hidden]) -> float:
+    """What the best refit of the base plant leaves of these effects [m rms]."""
+    reading = simulate(take.scene.base, effects, take.scene).reading
+    return _rms(refit(base, take.drive, reading, seen))
 
 
 def _intensity(
