@@ -7,9 +7,9 @@ For a gate with derivative S, after what the fitted parameters explain (S_perp):
     one-step size = S_perp' r / (S_perp' S_perp)
     W = gain / v,   v = long-run variance of the score (correlated noise allowed for)
 
-W is chi-squared with one degree of freedom when the effect is absent. The best over a grid of
-shapes is taken and paid for: p is multiplied by the number of distinguishable shapes and of
-effects looked at.
+W is chi-squared with one degree of freedom when the effect is absent and v is known; v being
+estimated, Student's t judges sqrt(W). The best over a grid of shapes is taken and paid for: p is
+multiplied by the number of distinguishable shapes and of effects looked at.
 
 Sources: Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57 (score test); Davies (1987), Biometrika
 74(1), 33-43 (a parameter present only under the alternative); Newey & West (1987), Econometrica
@@ -82,7 +82,7 @@ class _Best:
     effect: Effect
     direction: Direction
     gain: float
-    statistic: float
+    chance: float
     size: float
     wrong_side: bool
     looks: float
@@ -132,7 +132,7 @@ def score(
             key=lambda pair: -pair[1],
         )
         gain = 0.0 if b.wrong_side else b.gain
-        p = float(stats.chi2.sf(b.statistic, 1)) * b.looks * searched
+        p = b.chance * b.looks * searched
         suspects.append(
             Suspect(
                 effect=b.effect,
@@ -180,15 +180,15 @@ def _best(effect: Effect, directions: list[Direction], r: FloatArray) -> _Best:
             seen.append(unit)
         better = top is None or (top.wrong_side, -top.gain) > (wrong, -gain)
         if better:
-            top = _Best(effect, d, gain, 0.0, size, wrong, 1.0)
+            top = _Best(effect, d, gain, 1.0, size, wrong, 1.0)
     if top is None:
         blank = Direction(directions[0].shapes, directions[0].whole, 0.0 * directions[0].whole)
-        return _Best(effect, blank, 0.0, 0.0, 0.0, False, 1.0)
+        return _Best(effect, blank, 0.0, 1.0, 0.0, False, 1.0)
     return _Best(
         effect,
         top.direction,
         top.gain,
-        wald(top.direction.projected, r),
+        chance(top.direction.projected, r),
         top.size,
         top.wrong_side,
         float(len(seen)),
@@ -196,20 +196,57 @@ def _best(effect: Effect, directions: list[Direction], r: FloatArray) -> _Best:
 
 
 def wald(column: FloatArray, r: FloatArray) -> float:
-    """Squared score over its long-run variance, chi-squared with one degree when absent.
+    """Squared score over its variance, about chi-squared with one degree when absent.
 
     The variance is taken from what is left after the column has explained its share, so that a
-    true effect does not hide behind itself, with Bartlett weights over the residual's memory.
+    true effect does not hide behind itself. Three estimates see different things, and the largest
+    is taken: a score must not look surer than under any of them.
+
+        sigma^2 S'S                     white noise
+        sum_k w_k gamma_k S'_t S_(t+k)  stationary noise of autocovariance gamma, any column
+        Newey and West's                noise that is larger where the column is
+
+    with flat-top weights w over the residual's memory (Politis & Romano 1995, J. Time Series
+    Analysis 16(1), 67-103) and Bartlett's.
     """
     power = float(column @ column)
     if power == 0.0:
         return 0.0
     along = float(column @ r)
     left = r - column * (along / power)
+    lags = memory(left)
     terms = column * left
-    variance = terms.size * long_run_variance(terms, memory(left))
-    floor = float(np.mean(left**2)) * power
-    return along**2 / max(variance, 0.5 * floor, 1e-300)
+    white = float(np.mean(left**2)) * power
+    own = terms.size * long_run_variance(terms, lags)
+    weights = 2.0 * np.minimum(1.0, 2.0 * (1.0 - np.arange(lags + 1) / (lags + 1.0)))
+    weights[0] = 1.0
+    gamma = _lagged(left, lags) / left.size
+    stationary = float(np.sum(weights * gamma * _lagged(column, lags)))
+    return along**2 / max(white, own, stationary, 1e-300)
+
+
+def chance(column: FloatArray, r: FloatArray) -> float:
+    """Probability of so large a score by noise alone, for one column looked at.
+
+    Student's t instead of chi-squared: a variance estimated over L lags of N samples is as
+    uncertain as one from 3 N / (2 L) independent ones.
+
+    Source: Kiefer & Vogelsang (2005), Econometric Theory 21(6), 1130-1164 (such variances are not
+    consistent, and normal tails are too thin); Priestley (1981), Spectral Analysis and Time
+    Series, sec. 6.2 (equivalent degrees of freedom).
+    """
+    power = float(column @ column)
+    if power == 0.0:
+        return 1.0
+    left = r - column * (float(column @ r) / power)
+    degrees = max(1.0, 1.5 * r.size / (memory(left) + 1.0))
+    return float(2.0 * stats.t.sf(np.sqrt(wald(column, r)), degrees))
+
+
+def _lagged(x: FloatArray, lags: int) -> FloatArray:
+    """sum_t x_t x_(t+k) for k = 0..lags."""
+    spectrum = np.abs(np.fft.rfft(x, 1 << int(np.ceil(np.log2(2 * x.size))))) ** 2
+    return np.asarray(np.fft.irfft(spectrum)[: lags + 1])
 
 
 def long_run_variance(terms: FloatArray, lags: int | None = None) -> float:

@@ -7,11 +7,10 @@ from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.noise import NoiseFloor
-from piezo_opt.diagnosis.scores import wald
+from piezo_opt.diagnosis.scores import chance
 from piezo_opt.identification import Fit
 from piezo_opt.measurement import Measurement
 from piezo_opt.units import show
@@ -63,7 +62,7 @@ def _follows_drive(fit: Fit, point: BasePoint) -> tuple[float, str]:
     least, named = 1.0, ""
     for label, columns in parts.items():
         column = point.project(np.concatenate(columns))
-        p = float(stats.chi2.sf(wald(column, point.residual), 1)) * len(parts)
+        p = chance(column, point.residual) * len(parts)
         if p < least:
             least, named = p, label
     return least, named

@@ -1,0 +1,272 @@
+"""The score is what a refit would give, its p-value is what it says, and it knows its limits."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+import pytest
+from scipy import signal
+
+import piezo_opt as po
+from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.scores import (
+    Suspect,
+    by_name,
+    effective_samples,
+    long_run_variance,
+    score,
+    wald,
+)
+from piezo_opt.effects import (
+    AmplifierLag,
+    Asymmetry,
+    Creep,
+    Delay,
+    Drift,
+    Effect,
+    Load,
+    NonlinearGain,
+    Offset,
+    PiezoGain,
+    SecondMode,
+    SensorLag,
+    Temperature,
+)
+from piezo_opt.effects.base import Chain, Equations, Parameter, Place
+from piezo_opt.effects.catalogue import CATALOGUE
+from piezo_opt.measurement import FloatArray
+from tests.diagnosis.plants import MOVING, NOISE, STILL, clock, fitted, measured, rich, sine
+
+OPTIONAL = [
+    kind(**options)
+    for kind in CATALOGUE.values()
+    if not kind.structural
+    for options in kind.variants
+]
+
+
+def suspect_of(found: tuple[Suspect, ...], name: str) -> Suspect:
+    return next(s for s in found if s.name == name)
+
+
+def autoregressive(seed: int, samples: int, phi: float = 0.9) -> FloatArray:
+    white = np.random.default_rng(seed).normal(size=samples + 500)
+    return np.asarray(NOISE * np.sqrt(1 - phi**2) * signal.lfilter([1.0], [1.0, -phi], white)[500:])
+
+
+@pytest.fixture(scope="module")
+def still() -> BasePoint:
+    """The quasi-static base at its own record."""
+    time = clock()
+    return BasePoint(fitted(STILL, measured(STILL, time, rich(time))))
+
+
+@pytest.fixture(scope="module")
+def moving() -> BasePoint:
+    """The base with mechanics at its own record."""
+    time = clock()
+    return BasePoint(fitted(MOVING, measured(MOVING, time, rich(time))))
+
+
+def test_where_all_is_linear_the_score_is_the_refit() -> None:
+    time = clock()
+    base = PiezoGain() + Offset()
+    record = measured(base, time, rich(time), (Drift(), {"rate": 2e-9}))
+    fit = fitted(base, record)
+    (suspect,), _ = score(BasePoint(fit), [Drift()])
+    refit = po.solve(po.Identification(base + Drift(), record), start=fit)
+    assert suspect.predicted_rms == pytest.approx(refit.rms, rel=1e-9)
+    assert suspect.size == pytest.approx(refit.values["drift.rate"], rel=1e-6)
+    share = 1.0 - (refit.rms / fit.rms) ** 2
+    assert suspect.score == pytest.approx(share, rel=1e-6)
+
+
+def test_beside_a_loop_the_score_is_the_refit_within_a_percent() -> None:
+    time = clock()
+    record = measured(STILL, time, rich(time), (Drift(), {"rate": 2e-8}))
+    fit = fitted(STILL, record)
+    (suspect,), _ = score(BasePoint(fit), [Drift()])
+    refit = po.solve(po.Identification(STILL + Drift(), record), start=fit)
+    assert fit.rms > 1.3 * refit.rms
+    assert suspect.predicted_rms == pytest.approx(refit.rms, rel=0.01)
+
+
+def replayed(point: BasePoint) -> list[tuple[Effect, Any]]:
+    """Directions of the whole catalogue at a point, computed once."""
+    channels: tuple[str, ...] = ()
+    able = [e for e in OPTIONAL if point.question.model.refusal(e, channels) is None]
+    return [(e, point.directions(e)) for e in able]
+
+
+@pytest.mark.parametrize("kind", ["white", "autoregressive"])
+def test_noise_alone_gets_no_name(still: BasePoint, kind: str, monkeypatch: Any) -> None:
+    """The smallest of all corrected p-values falls below 1e-3 in at most 2 % of the records."""
+    kept = {id(e): d for e, d in replayed(still)}
+    effects = [e for e in OPTIONAL if id(e) in kept]
+    assert len({e.name for e in effects}) > 12
+    monkeypatch.setattr(still, "directions", lambda effect: kept[id(effect)])
+    alarms, seeds = 0, 150
+    for seed in range(seeds):
+        if kind == "white":
+            noise = NOISE * np.random.default_rng(seed).normal(size=still.samples)
+        else:
+            noise = autoregressive(seed, still.samples)
+        monkeypatch.setattr(still, "residual", still.project(noise))
+        suspects, _ = score(still, effects, threads=1)
+        alarms += min(s.p_value for s in suspects) < 1e-3
+    assert alarms <= 0.02 * seeds
+
+
+def test_the_statistic_of_white_noise_is_chi_squared() -> None:
+    column = rich(clock()) - 30.0
+    values = [
+        wald(column, np.random.default_rng(seed).normal(size=column.size)) for seed in range(600)
+    ]
+    assert np.mean(values) == pytest.approx(1.0, abs=0.15)
+    assert np.mean(np.array(values) > 3.841) == pytest.approx(0.05, abs=0.025)
+
+
+def test_the_statistic_allows_for_slow_noise() -> None:
+    """A column as slow as the noise: taken as white, the mean would be 19."""
+    slow = np.sin(2.0 * np.pi * clock())
+    values = [wald(slow, autoregressive(seed, slow.size)) for seed in range(300)]
+    assert np.mean(values) == pytest.approx(1.0, abs=0.5)
+    assert np.mean(np.array(values) > 10.83) < 0.02
+
+
+def test_memory_of_autoregressive_noise() -> None:
+    runs = [autoregressive(seed, 4000, 0.8) for seed in range(20)]
+    assert np.mean([effective_samples(r) for r in runs]) == pytest.approx(4000 / 9.0, rel=0.2)
+    wanted = (NOISE * np.sqrt(1 - 0.8**2) / (1 - 0.8)) ** 2
+    found = np.mean([long_run_variance(r) for r in runs])
+    assert found == pytest.approx(wanted, rel=0.25)
+    white = np.random.default_rng(0).normal(size=4000)
+    assert effective_samples(white) > 3700
+
+
+@pytest.mark.parametrize(("sign", "wrong"), [(1.0, False), (-1.0, True)])
+def test_a_one_sided_gate_is_not_taken_to_its_forbidden_side(
+    moving: BasePoint, sign: float, wrong: bool, monkeypatch: Any
+) -> None:
+    one = {"tau": 0.02}
+    (direction,) = moving.directions(AmplifierLag(), [one])
+    monkeypatch.setattr(moving, "directions", lambda _: [direction])
+    monkeypatch.setattr(moving, "residual", moving.residual + sign * 0.05 * direction.projected)
+    (suspect,), _ = score(moving, [AmplifierLag()])
+    assert suspect.wrong_side is wrong
+    assert suspect.size == pytest.approx(sign * 0.05, rel=0.05)
+    if wrong:
+        assert (suspect.score, suspect.p_value) == (0.0, 1.0)
+    else:
+        assert suspect.score > 0.9
+        assert suspect.p_value < 1e-20
+
+
+def test_a_two_sided_gate_may_be_negative() -> None:
+    time = clock()
+    hidden = Creep(elements=1), {"c": -0.02, "tau": 0.3}
+    found, _ = score(BasePoint(fitted(STILL, measured(STILL, time, rich(time), hidden))), [Creep()])
+    assert not found[0].wrong_side
+    assert found[0].size < 0.0
+    assert found[0].p_value < 1e-4
+
+
+def test_a_constant_load_hides_behind_frequency_and_gain(moving: BasePoint) -> None:
+    found, _ = score(moving, [Load(), SecondMode()])
+    assert suspect_of(found, "load").visibility < 1e-4
+    assert suspect_of(found, "load").p_value > 1e-3
+    assert suspect_of(found, "second_mode").visibility > 0.05
+
+
+def test_lags_overlap_and_a_drift_does_not() -> None:
+    time = clock()
+    hidden = Delay(), {"T": 1e-3}
+    fit = fitted(MOVING, measured(MOVING, time, sine(time), hidden))
+    found, _ = score(BasePoint(fit), [AmplifierLag(), Delay(), SensorLag(), Drift()])
+    delay, lag = suspect_of(found, "delay"), suspect_of(found, "amplifier_lag")
+    assert dict(delay.overlaps)["amplifier_lag"] > 0.99
+    assert dict(delay.overlaps)["amplifier_lag"] == dict(lag.overlaps)["delay"]
+    assert dict(delay.overlaps)["amplifier_lag"] == pytest.approx(
+        abs(float(delay.direction @ lag.direction)), abs=1e-4
+    )
+    assert "drift" not in dict(delay.overlaps)
+    assert suspect_of(found, "drift").overlaps == ()
+
+
+@pytest.mark.parametrize(
+    ("effect", "own"),
+    [
+        (Creep(), {"c": 0.02, "tau": 0.05}),
+        (Asymmetry(), {"delta": 1.5e-10}),
+        (NonlinearGain(), {"k2": 3e-11}),
+        (SensorLag(), {"share": 1.0, "tau": 5e-3}),
+    ],
+)
+def test_the_hidden_effect_comes_first(effect: Effect, own: dict[str, float]) -> None:
+    time = clock()
+    fit = fitted(STILL, measured(STILL, time, rich(time), (effect, own)))
+    suspects, _ = score(BasePoint(fit), OPTIONAL)
+    first = suspects[0]
+    alike = {first.name, *(n for n, cosine in first.overlaps if cosine > 0.95)}
+    assert effect.name in alike
+    assert first.p_value < 1e-6
+
+
+def test_variants_are_one_suspect_by_name(still: BasePoint) -> None:
+    suspects, _ = score(still, [Creep(elements=3), Creep(elements=1), Drift()])
+    assert len(suspects) == 3
+    merged = by_name(suspects)
+    assert sorted(s.name for s in merged) == ["creep", "drift"]
+    best = max((s for s in suspects if s.name == "creep"), key=lambda s: s.score)
+    assert suspect_of(merged, "creep") is best
+
+
+@final
+@dataclass(frozen=True)
+class Divides(Effect):
+    """A user's effect with a slip of the pen."""
+
+    place = Place.STRAIN
+    size = Parameter("m", "size", nominal=0.0, bounds=(-1.0, 1.0), null=0.0)
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """Raises."""
+        return Equations(gives=p.size * (1 / 0))
+
+
+@final
+@dataclass(frozen=True)
+class Asks(Effect):
+    """A user's effect that asks a symbol for its truth: the error comes from CasADi's file."""
+
+    place = Place.STRAIN
+    size = Parameter("m", "size", nominal=0.0, bounds=(-1.0, 1.0), null=0.0)
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """Raises."""
+        return Equations(gives=p.size if chain.drive.value > 0 else 0.0)
+
+
+@pytest.mark.parametrize(
+    ("effect", "line"), [(Divides(), "(1 / 0)"), (Asks(), "chain.drive.value > 0")]
+)
+def test_a_candidate_that_raises_is_reported_with_its_own_line(
+    still: BasePoint, effect: Effect, line: str
+) -> None:
+    suspects, unscored = score(still, [effect, Drift()])
+    assert [s.name for s in suspects] == ["drift"]
+    (failed,) = unscored
+    assert failed.name == effect.name
+    source, first = inspect.getsourcelines(type(effect))
+    number = first + next(i for i, text in enumerate(source) if line in text)
+    assert failed.why.startswith(f"{__file__}, line {number}: ")
+
+
+def test_what_the_record_lacks_is_said(still: BasePoint) -> None:
+    suspects, unscored = score(still, [Temperature(), Load(), Drift()])
+    assert [s.name for s in suspects] == ["drift"]
+    assert {u.name: u.why for u in unscored}["temperature"].startswith("temperature needs")
+    assert "quasi-static" in {u.name: u.why for u in unscored}["load"]
