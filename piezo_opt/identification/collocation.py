@@ -59,9 +59,7 @@ class Collocation:
         if not 1 <= self.degree <= 9:
             raise InputError(f"Collocation degree is {self.degree}; give 1 to 9 points.")
         if self.scheme not in ("legendre", "radau"):
-            raise InputError(
-                f"Collocation scheme is {self.scheme!r}; take 'legendre' or 'radau'."
-            )
+            raise InputError(f"Collocation scheme is {self.scheme!r}; take 'legendre' or 'radau'.")
 
     @property
     def name(self) -> str:

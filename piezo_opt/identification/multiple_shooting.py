@@ -101,9 +101,7 @@ class MultipleShooting:
         nothing = np.zeros((nodes.shape[0], 0))
         return horizon.program(layout, elements, nodes, nothing, self.smoothing)
 
-    def _stretches(
-        self, horizon: Horizon, group: Group, layout: Layout, length: int
-    ) -> Element:
+    def _stretches(self, horizon: Horizon, group: Group, layout: Layout, length: int) -> Element:
         """The steps of one stretch, and its readings."""
         system, n, k = group.system, horizon.sizes.size, len(group.locals)
         nc = len(system.channel_names)

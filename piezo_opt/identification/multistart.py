@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.errors import InputError
+from piezo_opt.errors import InputError, ModelError
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.outcome import Ending
 from piezo_opt.identification.problem import Identification
@@ -94,7 +94,7 @@ def _run(
     monitor = Monitor(unknown.names)
     try:
         solution = transcription.identify(question, unknown, theta, solver, monitor)
-    except ArithmeticError as error:
+    except (ArithmeticError, ModelError) as error:
         return _Done(index, theta, np.inf, np.inf, Ending.FAILED, str(error), 0, 0,
                      np.zeros((0, theta.size)), np.zeros(0))  # fmt: skip
     trace, spent = monitor.trace, monitor.evaluations

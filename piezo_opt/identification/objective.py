@@ -45,10 +45,18 @@ class Objective:
         unknowns: names, bounds and kept values.
         at: point at which the number of sub-steps is chosen.
         monitor: counts the simulations.
+        tolerance: first admissible error of the scheme as a share of the reading's range.
+        accuracy: sub-steps of each record, where they have been chosen before.
     """
 
     def __init__(
-        self, question: Identification, unknowns: Unknowns, at: FloatArray, monitor: Monitor
+        self,
+        question: Identification,
+        unknowns: Unknowns,
+        at: FloatArray,
+        monitor: Monitor,
+        tolerance: float = TOLERANCE,
+        accuracy: tuple[Accuracy, ...] = (),
     ) -> None:
         self.question = question
         self.unknowns = unknowns
@@ -67,9 +75,13 @@ class Objective:
                     else Initial.REST
                 ),
                 runtime=question.free,
+                tolerance=tolerance,
+                substeps=accuracy[i].substeps if accuracy else None,
             )
             for i, record in enumerate(records)
         ]  # fmt: skip
+        for simulator, known in zip(self.simulators, accuracy, strict=bool(accuracy)):
+            simulator.accuracy = known
         self.counted = [r.counted for r in records]
         self.samples = int(sum(c.sum() for c in self.counted))
         self._priors = [(k, m.prior) for k, m in enumerate(unknowns.members) if m.prior is not None]

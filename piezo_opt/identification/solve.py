@@ -17,7 +17,7 @@ from piezo_opt.identification.outcome import Ending, Outcome
 from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.result import Fit
 from piezo_opt.identification.solvers.base import Solution
-from piezo_opt.identification.starting import starting_values
+from piezo_opt.identification.starting import starting_values, straight_line
 from piezo_opt.identification.statistics import blind_spots, uncertainty
 from piezo_opt.identification.transcription import SingleShooting, Transcription
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
@@ -97,8 +97,11 @@ def _finish(
     """Statistics at the solution, on exact sensitivities, whatever found it."""
     theta = unknown.clip(solution.theta)
     spent = monitor.evaluations
-    objective = Objective(question, unknown, theta, Monitor(unknown.names))
-    objective.refine(theta)
+    objective = Objective(
+        question, unknown, theta, Monitor(unknown.names), accuracy=solution.accuracy
+    )
+    if not solution.accuracy:
+        objective.refine(theta)
     point = objective.linearised(theta)
     at_bound = _at_bound(unknown, theta, point.jacobian.T @ point.residual)
     free = np.array([n not in at_bound for n in unknown.names], dtype=bool)
@@ -179,6 +182,13 @@ def _remarks(question: Identification, fit: Fit) -> tuple[str, ...]:
                 f"{record.name}: the integration scheme's own error is "
                 f"{show(accuracy.error, 'm')}, not far below the residual."
             )
+    line = _line_rms(question)
+    if line < 0.98 * fit.rms:
+        remarks.append(
+            f"A straight line, position over drive, leaves less ({show(line, 'm')}) than this fit "
+            f"({show(fit.rms, 'm')}): the solver ended in a wrong minimum. Try starts=20, or "
+            "leave out what the record cannot see (the mechanics first)."
+        )
     if question.model.quasi_static:
         remarks.append("The model is quasi-static: position follows the free displacement at once.")
     else:
@@ -186,6 +196,15 @@ def _remarks(question: Identification, fit: Fit) -> tuple[str, ...]:
             if any(s.position for s in effect.declared_states.values()):
                 remarks += _motion_remarks(question, name, fit)
     return tuple(remarks)
+
+
+def _line_rms(question: Identification) -> float:
+    """Root mean square left by a straight line over the drive, one line a record [m]."""
+    left = []
+    for record in question.campaign.records:
+        slope, intercept = straight_line(record)
+        left.append((record.position - intercept - slope * record.drive)[record.counted])
+    return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
 
 
 def _motion_remarks(question: Identification, name: str, fit: Fit) -> list[str]:

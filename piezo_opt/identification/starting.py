@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from piezo_opt.effects.model import Model
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Objective
-from piezo_opt.identification.problem import Identification
+from piezo_opt.identification.problem import Identification, Start
 from piezo_opt.identification.shapes import resonances, shape_grid
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
@@ -32,7 +32,11 @@ _WIDTHS = (1.0, 3.0, 10.0)
 """Trial widths of the loop, times one over the drive's range."""
 _ROUNDNESSES = (0.0, -1.0, 0.8)
 """Trial roundnesses, as a share of the width."""
-_DAMPINGS = (0.02, 0.2, 0.7)
+_DAMPINGS = (0.1, 0.02, 0.5)
+_ROUGH = 1e-3
+"""Error of the scheme that trials may have, as a share of the reading's range."""
+_STRETCH = 2500
+"""Samples that are enough to choose a resonance by."""
 _CHEAP = 1000
 """Samples up to which several trials are followed by a few Gauss-Newton steps."""
 
@@ -58,7 +62,7 @@ def starting_values(question: Identification, monitor: Monitor) -> Values:
     record = question.campaign.records[0]
     given = set(question.values) | set(question.fixed)
     settled = {k for k, p in declared.items() if p.fixed and k not in question.free} | given
-    gain, offset = _line(record)
+    gain, offset = straight_line(record)
     swing = float(np.ptp(record.drive)) or 1.0
     for name, p in declared.items():
         if name in settled:
@@ -90,8 +94,7 @@ def starting_values(question: Identification, monitor: Monitor) -> Values:
             start[name] = 0.2 * gain
     structural = Model(tuple((n, e) for n, e in model.named if e.structural))
     calm = question.with_model(structural if len(structural) else model)
-    search = _Search(_light(calm), monitor)
-    best = search.projected(start)
+    search = _Search(_busiest(_light(calm)) if frequencies else _light(calm), monitor)
     if frequencies:
         quiet = _without_motion(calm)
         residual = record.position - record.position.mean()
@@ -117,17 +120,45 @@ def starting_values(question: Identification, monitor: Monitor) -> Values:
     return Values(start)
 
 
-def _line(record: Measurement) -> tuple[float, float]:
-    """Slope and intercept of position over drive."""
-    mask = record.counted
-    slope, intercept = np.polyfit(record.drive[mask], record.position[mask], 1)
-    return float(slope), float(intercept)
+def straight_line(record: Measurement) -> tuple[float, float]:
+    """Slope [m/V] and intercept [m] of position over drive on the counted samples."""
+    drive, position = record.drive[record.counted], record.position[record.counted]
+    middle, height = float(drive.mean()), float(position.mean())
+    away = drive - middle
+    slope = float(away @ position) / (float(away @ away) or 1.0)
+    return slope, height - slope * middle
 
 
 def _light(question: Identification) -> Identification:
     """The question about its first record only: enough for a start."""
     first = question.campaign.records[0]
     return replace(question, records=first, weights=(), priors={}, noise=None)
+
+
+def _busiest(question: Identification) -> Identification:
+    """The question about the stretch in which the drive moves most: enough for a resonance.
+
+    Only where the states at the start are free: a stretch begins with what was before it.
+    """
+    record = question.campaign.records[0]
+    n = len(record)
+    if n <= 1.5 * _STRETCH or question.start_of(record) is not Start.FREE:
+        return question
+    moved = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(record.drive, prepend=0.0))[1:])])
+    moved = np.append(moved, moved[-1])[: n + 1]
+    first = int(np.argmax(moved[_STRETCH:n] - moved[: n - _STRETCH]))
+    stretch = slice(first, first + _STRETCH)
+    return replace(
+        question,
+        records=record.with_(
+            time=record.time[stretch],
+            drive=record.drive[stretch],
+            position=record.position[stretch],
+            channels={k: v[stretch] for k, v in record.channels.items()},
+            startup=0.0,
+            allow_saturated=True,
+        ),
+    )
 
 
 def _without_motion(question: Identification) -> Identification | None:
@@ -154,7 +185,7 @@ class _Search:
         if self._objective is None or self._unknowns is None:
             self._unknowns = unknowns(self.question, Values(start))
             at = theta_of(self._unknowns, start)
-            self._objective = Objective(self.question, self._unknowns, at, self._monitor)
+            self._objective = Objective(self.question, self._unknowns, at, self._monitor, _ROUGH)
         return self._objective, self._unknowns
 
     def projected(self, start: dict[str, float], extra: Sequence[str] = ()) -> dict[str, float]:
@@ -178,10 +209,10 @@ class _Search:
         ]  # fmt: skip
         j = point.jacobian[:, linear] * unknown.scale[linear]
         # A touch of ridge keeps directions that the record cannot see where they are.
-        weight = np.sqrt(1e-6) * np.linalg.norm(j, axis=0)
-        rows = np.vstack([j, np.diag(weight)])
-        target = np.concatenate([-point.residual, np.zeros(len(linear))])
-        step = np.linalg.lstsq(rows, target, rcond=1e-10)[0]
+        norms = np.linalg.norm(j, axis=0)
+        norms[norms == 0.0] = 1.0
+        normal = (j.T @ j) / np.outer(norms, norms) + 1e-6 * np.eye(len(linear))
+        step = np.linalg.solve(normal, -(j.T @ point.residual) / norms) / norms
         moved = theta.copy()
         moved[linear] += step * unknown.scale[linear]
         moved = unknown.clip(moved)
@@ -229,7 +260,8 @@ def _scan_widths(
     trials = [search.trial(start)]
     for name in widths:
         beside = f"{name.rpartition('.')[0]}.gamma"
-        shares = _ROUNDNESSES if search.free(beside) else (0.0,)
+        several = search.free(beside) and search.samples <= _CHEAP
+        shares = _ROUNDNESSES if several else (0.0,)
         for width in _WIDTHS:
             for share in shares:
                 trial = {**start, name: width / swing}
@@ -249,13 +281,17 @@ def _scan_resonance(
     dampings: list[str],
     candidates: list[float],
 ) -> dict[str, float]:
+    """The best frequency at a middle damping, then the best damping there."""
     best_cost, best = np.inf, dict(start)
+    middle, *others = _DAMPINGS
     for omega in candidates:
-        for zeta in _DAMPINGS if dampings else (0.0,):
-            trial = {**start, name: omega, **dict.fromkeys(dampings, zeta)}
-            cost, found = search.trial(trial)
-            if cost < best_cost:
-                best_cost, best = cost, found
+        cost, found = search.trial({**start, name: omega, **dict.fromkeys(dampings, middle)})
+        if cost < best_cost:
+            best_cost, best = cost, found
+    for zeta in others if dampings else ():
+        cost, found = search.trial({**start, name: best[name], **dict.fromkeys(dampings, zeta)})
+        if cost < best_cost:
+            best_cost, best = cost, found
     return best
 
 

@@ -50,7 +50,11 @@ def uncertainty(
     if index.size == 0:
         return Uncertainty(covariance, False)
     j = jacobian[:, index]
-    _, size, vt = np.linalg.svd(j, full_matrices=False)
+    # The triangle of J has its singular values and costs a fraction.
+    _, size, vt = np.linalg.svd(np.linalg.qr(j, mode="r"), full_matrices=False)
+    null = size <= 1e-10 * size.max(initial=0.0)
+    # Rounding must not lend an unknown a share of a direction that it has no part in.
+    vt[np.ix_(null, range(vt.shape[1]))] *= np.abs(vt[null]) > 1e-5
     safe = np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300)
     inverse = (vt.T / safe**2) @ vt
     r = residual[:samples]
@@ -149,6 +153,7 @@ def blind_spots(
     if others:
         basis, _ = np.linalg.qr(relative[:, others] / norms[others])
         seen = seen - basis @ (basis.T @ seen)
+    seen = np.linalg.qr(seen, mode="r")
     for component in _hidden(seen, sigma):
         told.update(names[usable[i]] for i in component.members)
         sentences.append(component.sentence([names[usable[i]] for i in component.members]))

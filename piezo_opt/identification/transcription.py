@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, cast, final
 
 import numpy as np
@@ -72,4 +72,4 @@ class SingleShooting:
         if objective.refine(solution.theta):
             # Sub-steps that were enough at the start are not at the solution: once more.
             solution = taken.minimise(objective, solution.theta)
-        return solution
+        return replace(solution, accuracy=objective.accuracy)

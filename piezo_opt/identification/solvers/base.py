@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.outcome import Ending
+from piezo_opt.simulation import Accuracy
 
 FloatArray = NDArray[np.float64]
 
@@ -22,6 +23,8 @@ class Solution:
     theta: FloatArray
     ending: Ending
     sentence: str
+    accuracy: tuple[Accuracy, ...] = ()
+    """Sub-steps of each record that were enough at the end; empty where nobody looked."""
 
 
 class ResidualSolver(Protocol):
