@@ -1,5 +1,19 @@
 """Diagnosis: where a model fails, which effect is missing, and whether adding it holds."""
 
 from piezo_opt.diagnosis.diagnose import Diagnosis, diagnose
+from piezo_opt.diagnosis.forces import Force, correction_force, forces
+from piezo_opt.diagnosis.formula import Formula
+from piezo_opt.diagnosis.trajectory import Quantity
+from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
 
-__all__ = ["Diagnosis", "diagnose"]
+__all__ = [
+    "Diagnosis",
+    "Force",
+    "Formula",
+    "Quantity",
+    "Unexplained",
+    "correction_force",
+    "diagnose",
+    "forces",
+    "unexplained",
+]

@@ -13,6 +13,7 @@ from piezo_opt.diagnosis.ladder import Ladder, Step, climb
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, score
 from piezo_opt.diagnosis.structure import Structure, structure
+from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
 from piezo_opt.effects.base import Effect
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.errors import ModelError
@@ -42,6 +43,8 @@ class Diagnosis:
         held_out: how the judging data were chosen.
         experiments: drives worth playing next, and what each would tell.
         invisible: effects that no candidate drive would show.
+        unexplained: where a correction would have to enter, and of what it is a function; None
+            unless that is the verdict.
     """
 
     fit: Fit
@@ -57,6 +60,7 @@ class Diagnosis:
     held_out: str = ""
     experiments: tuple[Advice, ...] = ()
     invisible: tuple[str, ...] = ()
+    unexplained: Unexplained | None = None
 
     def best(self) -> Effect:
         """The likeliest missing effect, to be added with ``model + diagnosis.best()``.
@@ -149,7 +153,7 @@ class Diagnosis:
             "unscored": [{"effect": u.name, "why": u.why} for u in self.unscored],
             "refined": list(self.refined),
             "dropped": list(self.dropped),
-            "unexplained": None,
+            "unexplained": None if self.unexplained is None else self.unexplained.to_dict(),
             "clues": list(self.structure.clues),
             "advice": list(self.advice),
             "experiments": [e.to_dict() for e in self.experiments],
@@ -175,7 +179,7 @@ class Diagnosis:
                     f"{step.delta_bic:>10.0f}"
                 )
         for title, sentences in (
-            ("What is left", self.structure.clues),
+            ("What is left", (*self.structure.clues, *_sentences(self.unexplained))),
             ("Advice", self.advice),
             ("Not scored", tuple(f"{u.name}: {u.why}" for u in self.unscored)),
         ):
@@ -240,6 +244,10 @@ def diagnose(
         planned, invisible = experiments(
             fit, climbed.steps, final, offered, floor.rms, hidden=hidden, threads=threads
         )
+    correction: Unexplained | None = None
+    if verdict == "unexplained":
+        tell("looking for the smallest correction")
+        correction = unexplained(final, floor)
     return Diagnosis(
         fit=fit,
         final=final,
@@ -254,7 +262,12 @@ def diagnose(
         held_out=held.sentence,
         experiments=planned,
         invisible=invisible,
+        unexplained=correction,
     )
+
+
+def _sentences(left: Unexplained | None) -> tuple[str, ...]:
+    return () if left is None else (str(left),)
 
 
 def _silent(_: str) -> None:
