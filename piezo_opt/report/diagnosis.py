@@ -158,11 +158,30 @@ def _length(metres: float | None) -> str:
 
 
 def _left_over(diagnosis: Diagnosis) -> list[Block]:
-    if not diagnosis.structure.clues:
+    left = diagnosis.unexplained
+    clues = (*diagnosis.structure.clues, *(() if left is None else (str(left),)))
+    if not clues:
         return []
+    blocks: list[Block] = [Heading("What no effect explains", 3), Points(clues)]
+    shown = diagnosis_figures.correction(diagnosis)
+    if left is None or shown is None:
+        return blocks
+    caption = (
+        "The smallest correction that brings the error down to the noise. An effect is a function "
+        "of signals: a narrow line on the right is a law, a cloud is none."
+    )
     return [
-        Heading("What no effect explains", 3),
-        Points(diagnosis.structure.clues),
+        *blocks,
+        Picture(shown, caption),
+        Table(
+            (
+                ("correction enters", tuple(f.place.value for f in left.forces)),
+                ("size", tuple(f"{show(f.rms, f.place.unit)} rms" for f in left.forces)),
+                ("of the drive's", tuple(f"{100 * f.relative:.2g} %" for f in left.forces)),
+                ("explains", tuple(f"{100 * f.share:.0f} %" for f in left.forces)),
+                ("as a function", tuple(f"{100 * f.described:.0f} %" for f in left.forces)),
+            ),
+        ),
     ]
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from piezo_opt.comparison import Entry
-from piezo_opt.diagnosis import Diagnosis
+from piezo_opt.diagnosis import Diagnosis, Quantity
 from piezo_opt.diagnosis.advice import Advice
+from piezo_opt.diagnosis.trajectory import trajectory
 from piezo_opt.report.figures import clock, legend_below
 from piezo_opt.report.style import (
     BLACK,
@@ -20,6 +21,7 @@ from piezo_opt.report.style import (
     GREY,
     MODELS,
     MOST_POINTS,
+    PURPLE,
     SKY,
     VERMILLION,
     figure,
@@ -32,6 +34,8 @@ from piezo_opt.report.style import (
 
 _MOST_SUSPECTS = 12
 """Bars; the table below them has all candidates."""
+_BINS = 16
+"""Bins in which a correction is averaged over the signal that it depends on."""
 _WINDOW = 0.04
 """Part of the record that the zoom shows."""
 SIGNIFICANT = 1e-3
@@ -51,18 +55,29 @@ class Rung:
 def rungs(diagnosis: Diagnosis) -> tuple[Rung, ...]:
     """The ladder from the baseline up; empty without an accepted step.
 
-    A base model that was freed on the way (an exponent) is a rung of its own.
+    What changed the model between two steps without being an effect of its own (an exponent
+    freed, an effect given another shape, one dropped) is a rung of its own.
     """
     if not diagnosis.steps:
         return ()
     first = diagnosis.steps[0]
     found = [Rung("baseline", first.rms_before, first.held_out_before)]
     freed = ", ".join(name.partition(".")[2] for name in diagnosis.refined)
+    ways = [f"{freed} free"] * bool(freed) + [f"+ {name}" for name in diagnosis.dropped]
+    between = ", ".join(ways) or "reshaped"
     for step in diagnosis.steps:
-        if not np.isclose(step.rms_before, found[-1].train, rtol=1e-6):
-            found.append(Rung(f"{freed} free", step.rms_before, step.held_out_before))
+        if not _same(step.rms_before, found[-1].train):
+            found.append(Rung(between, step.rms_before, step.held_out_before))
         found.append(Rung(f"+ {step.name}", step.rms_after, step.held_out_after))
+    top, final = diagnosis.steps[-1].fit, diagnosis.final
+    if final.records == top.records and not _same(final.rms, found[-1].train):
+        pruned = ", ".join(diagnosis.dropped)
+        found.append(Rung(f"- {pruned}" if pruned else between, final.rms, None))
     return tuple(found)
+
+
+def _same(one: float, other: float) -> bool:
+    return bool(np.isclose(one, other, rtol=1e-6))
 
 
 def ladder(diagnosis: Diagnosis) -> Figure | None:
@@ -227,6 +242,57 @@ def window(error: np.ndarray[tuple[int], np.dtype[np.float64]]) -> slice:
     power = np.concatenate([[0.0], np.cumsum(error**2)])
     begin = int(np.argmax(power[count:] - power[:-count]))
     return slice(begin, begin + count)
+
+
+def correction(diagnosis: Diagnosis) -> Figure | None:
+    """The smallest correction that would explain the rest: over time, and against the signal.
+
+    None where the diagnosis needs none.
+    """
+    left = diagnosis.unexplained
+    if left is None:
+        return None
+    force = left.forces[0]
+    with styled():
+        made, axes = figure(1, 1 if left.against is None else 2, height=3.1)
+        time, values = force.time[0], force.correction[0]
+        factor, unit = prefixed(force.place.unit, values)
+        seconds, time_unit = clock(time)
+        axes[0].plot(
+            *thinned(MOST_POINTS, seconds * time, factor * values), color=PURPLE, linewidth=0.9
+        )
+        axes[0].set_xlabel(labelled("time", time_unit))
+        axes[0].set_ylabel(labelled("correction", unit))
+        axes[0].set_title(f"What the {force.place.value} lacks")
+        if left.against is not None:
+            signals = trajectory(diagnosis.final)
+            quantity = Quantity(left.against)
+            of, values = signals.signals[quantity], np.concatenate(force.correction)
+            across, of_unit = prefixed(quantity.unit, of)
+            axes[1].plot(
+                across * of,
+                factor * values,
+                ".",
+                color=PURPLE,
+                markersize=2.5,
+                alpha=0.15 if of.size > 300 else 0.6,
+                rasterized=of.size > 1500,
+            )
+            edges = np.quantile(of, np.linspace(0.0, 1.0, _BINS + 1))
+            index = np.clip(np.searchsorted(edges, of, side="right") - 1, 0, _BINS - 1)
+            filled = [k for k in range(_BINS) if (index == k).any()]
+            axes[1].plot(
+                [across * of[index == k].mean() for k in filled],
+                [factor * values[index == k].mean() for k in filled],
+                "o-",
+                color=BLACK,
+                markersize=4,
+                label="mean in each bin",
+            )
+            axes[1].set_xlabel(labelled(left.against, of_unit))
+            axes[1].set_title(f"Against {left.against}")
+            axes[1].legend(loc="best")
+        return made
 
 
 def to_play(advice: Advice) -> Figure:
