@@ -1,0 +1,101 @@
+"""What is left is called structure when it is, and noise when it is noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import signal
+
+import piezo_opt as po
+from piezo_opt.diagnosis.noise import noise_floor
+from piezo_opt.diagnosis.structure import Structure, structure
+from piezo_opt.measurement import FloatArray
+from tests.diagnosis.plants import NOISE, STILL, clock, fitted, measured, rich, triangle
+
+TIME = clock()
+
+
+@pytest.fixture(scope="module")
+def clean() -> po.Fit:
+    """The quasi-static base at its own record."""
+    return fitted(STILL, measured(STILL, TIME, rich(TIME)))
+
+
+def left_by(clean: po.Fit, residual: FloatArray) -> Structure:
+    """What is said of the same fit with another residual (N,)."""
+    (record,) = clean.records
+    changed = record.with_(position=clean.readings[0] + residual)
+    fit = replace(clean, question=replace(clean.question, records=changed))
+    return structure(fit, noise_floor(fit))
+
+
+def white(seed: int) -> FloatArray:
+    return np.asarray(NOISE * np.random.default_rng(seed).normal(size=TIME.size))
+
+
+def slow(seed: int, phi: float) -> FloatArray:
+    driven = np.random.default_rng(seed).normal(size=TIME.size + 500)
+    return np.asarray(NOISE * np.sqrt(1 - phi**2) * signal.lfilter([1], [1, -phi], driven)[500:])
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [white, lambda seed: slow(seed, 0.5), lambda seed: slow(seed, 0.9)],
+    ids=["white", "half", "slow"],
+)
+def test_noise_is_left_alone(clean: po.Fit, noise: Callable[[int], FloatArray]) -> None:
+    said = [left_by(clean, noise(seed)).clues for seed in range(60)]
+    assert sum(bool(s) for s in said) <= 1
+
+
+def test_rounded_readings_are_left_alone(clean: po.Fit) -> None:
+    step = 4.0 * NOISE
+    said = []
+    for seed in range(20):
+        read = step * np.round((clean.readings[0] + 0.3 * white(seed)) / step)
+        said.append(left_by(clean, read - clean.readings[0]).clues)
+    assert sum(bool(s) for s in said) <= 1
+
+
+def test_an_error_of_one_branch_is_heard(clean: po.Fit) -> None:
+    drive = clean.records[0].drive
+    branch = np.sign(np.gradient(drive)) * (drive - 30.0) / 30.0
+    found = left_by(clean, white(0) + 2.0 * NOISE * branch)
+    assert found.left
+    (clue,) = (c for c in found.clues if "follows the drive" in c)
+    assert "branch" in clue
+
+
+def test_a_cube_of_the_drive_is_heard(clean: po.Fit) -> None:
+    drive = (clean.records[0].drive - 30.0) / 30.0
+    found = left_by(clean, white(0) + 3.0 * NOISE * drive**3)
+    assert found.left
+    assert any("follows the drive" in c for c in found.clues)
+
+
+def test_a_burst_is_heard_and_placed(clean: po.Fit) -> None:
+    burst = np.where((TIME >= 1.0) & (TIME < 1.1), 4.0, 1.0)
+    found = left_by(clean, burst * white(0))
+    (clue,) = (c for c in found.clues if "bursts" in c)
+    assert any(f"between {p} and {q} %" in clue for p, q in ((50, 52), (52, 55)))
+    times = float(clue.rsplit("it is ", 1)[1].split(" times")[0])
+    assert times == pytest.approx(4.0, rel=0.25)
+
+
+def test_more_than_the_measured_noise_is_heard() -> None:
+    time = clock(6000)
+    # From the third period on the loop repeats.
+    record = measured(STILL, time, triangle(time, 2.0), seed=1).slice(2.0).with_(period=0.5)
+    fit = fitted(STILL, record)
+    floor = noise_floor(fit)
+    assert structure(fit, floor).clues == ()
+    # Repeats with every period and follows none of the usual functions.
+    repeated = np.tile(np.random.default_rng(0).normal(size=500), 8)
+    changed = record.with_(position=record.position + NOISE * repeated)
+    louder = replace(fit, question=replace(fit.question, records=changed))
+    found = structure(louder, noise_floor(louder))
+    assert any("above the measured noise" in c for c in found.clues)
+    assert noise_floor(louder).rms == pytest.approx(floor.rms, rel=0.02)
