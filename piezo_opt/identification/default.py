@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
+from scipy import signal
 
 from piezo_opt.effects.model import Model
 from piezo_opt.effects.motion.second_order import SecondOrder
@@ -20,6 +21,8 @@ from piezo_opt.identification.starting import starting_values
 from piezo_opt.identification.unknowns import theta_of, unknowns
 from piezo_opt.measurement import Campaign, Measurement
 
+_STILL = 1e-9
+"""Share of the drive's power near a resonance below which the drive cannot have shown it."""
 _DAMPED = 0.7
 """A resonance with more damping has no peak and no ringing: a lag would do as well."""
 
@@ -31,7 +34,8 @@ def default_model(
 
     The mechanics are kept when, on the first record, they lower the Bayesian information
     criterion by more than 10 and the residual by at least 2 %, with a damping ratio below 0.7
-    and a natural frequency that the sampling holds (at least 2.5 samples a cycle).
+    and a natural frequency that the drive excites and the sampling holds (at least 2.5 samples a
+    cycle).
 
     Returns:
         the model, and sentences on what was left out and why.
@@ -55,6 +59,13 @@ def default_model(
         return still, (
             _sentence(record, f"the best resonance is overdamped (zeta {zeta:.2g}), without peak"),
         )
+    if excitation(short, omega) < _STILL:
+        return still, (
+            _sentence(
+                record,
+                f"the drive has no power near the best resonance ({omega / 2 / np.pi:.3g} Hz)",
+            ),
+        )
     if omega * short.step > 2.0 * np.pi / 2.5:
         return still, (
             _sentence(
@@ -64,6 +75,20 @@ def default_model(
             ),
         )
     return moving, ()
+
+
+def excitation(record: Measurement, omega: float) -> float:
+    """Share of the drive's power between 0.7 and 1.4 times an angular frequency [rad/s].
+
+    Of the windowed, detrended drive, on an even grid. A pure sine has less than 1e-10 anywhere
+    else; a triangle still has 1e-9 at its two-hundredth harmonic.
+    """
+    grid = np.linspace(record.time[0], record.time[-1], len(record))
+    drive = signal.detrend(np.interp(grid, record.time, record.drive)) * np.hanning(grid.size)
+    power = np.abs(np.fft.rfft(drive)) ** 2
+    at = 2.0 * np.pi * np.fft.rfftfreq(grid.size, grid[1] - grid[0])
+    near = (at > 0.7 * omega) & (at < 1.4 * omega)
+    return float(power[near].sum() / power.sum())
 
 
 def _sentence(record: Measurement, why: str) -> str:

@@ -153,7 +153,7 @@ def blind_spots(
     if others:
         basis, _ = np.linalg.qr(relative[:, others] / norms[others])
         seen = seen - basis @ (basis.T @ seen)
-    seen = np.linalg.qr(seen, mode="r")
+    seen = np.asarray(np.linalg.qr(seen, mode="r"))
     for component in _hidden(seen, sigma):
         told.update(names[usable[i]] for i in component.members)
         sentences.append(component.sentence([names[usable[i]] for i in component.members]))

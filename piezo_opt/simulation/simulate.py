@@ -287,7 +287,7 @@ def _sizes(run: Run) -> FloatArray:
     """How large each state becomes, 1 for one that never moves."""
     assert run.states is not None
     largest = np.abs(run.states).max(axis=0)
-    return np.where(largest > 0.0, largest, 1.0)
+    return np.where(largest > 1e-200, largest, 1.0)
 
 
 def _solve(matrix: FloatArray, right: FloatArray, sizes: FloatArray) -> FloatArray:
