@@ -104,7 +104,7 @@ def _suspects(diagnosis: Diagnosis) -> list[Block]:
                 ("effect", tuple(s.name for s in found)),
                 ("explains", tuple(f"{100 * s.score:.1f} %" for s in found)),
                 ("rms then", tuple(show(s.predicted_rms, "m") for s in found)),
-                ("visible", tuple(f"{100 * s.visibility:.2g} %" for s in found)),
+                ("visible", tuple(diagnosis_figures.percent(s.visibility) for s in found)),
                 ("by chance", tuple(f"{s.p_value:.1e}" for s in found)),
                 ("alike", tuple(_alike(s.overlaps) for s in found)),
             ),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from piezo_opt.comparison import Entry
@@ -34,6 +35,8 @@ from piezo_opt.report.style import (
 
 _MOST_SUSPECTS = 12
 """Bars; the table below them has all candidates."""
+_APART = 0.15
+"""Logarithm of fitted over held-out error from which both are written beside their points."""
 _BINS = 16
 """Bins in which a correction is averaged over the signal that it depends on."""
 _WINDOW = 0.04
@@ -123,17 +126,11 @@ def ladder(diagnosis: Diagnosis) -> Figure | None:
         else:
             axis.set_ylim(0.0, 1.22 * top)
         for x, now, other in zip(place, factor * train, factor * held, strict=True):
-            # Above whichever of the two is higher, so that no marker is covered.
-            up = np.nanmax([now, other])
-            axis.annotate(
-                f"{now:.3g} {unit}",
-                (float(x), float(up)),
-                xytext=(7, 6),
-                textcoords="offset points",
-                fontsize=9,
-                fontweight="bold",
-                color=BLUE,
-            )
+            below = now < other
+            _beside(axis, float(x), float(now), f"{now:.3g} {unit}", BLUE, below=bool(below))
+            if np.isfinite(other) and abs(np.log(other / now)) > _APART:
+                text = f"{other:.3g} {unit}"
+                _beside(axis, float(x), float(other), text, VERMILLION, below=not below)
         axis.set_xticks(place, [p.label for p in points])
         axis.set_xlim(-0.3, len(points) - 0.45)
         axis.grid(visible=False, axis="x")
@@ -141,6 +138,20 @@ def ladder(diagnosis: Diagnosis) -> Figure | None:
         axis.set_title("The ladder: the error as effects are added")
         legend_below(made, axis)
         return made
+
+
+def _beside(axis: Axes, x: float, y: float, text: str, colour: str, *, below: bool) -> None:
+    axis.annotate(
+        text,
+        (x, y),
+        # A falling ladder leaves room below to the left and above to the right.
+        xytext=(-8, -12) if below else (8, 5),
+        ha="right" if below else "left",
+        textcoords="offset points",
+        fontsize=9,
+        fontweight="bold",
+        color=colour,
+    )
 
 
 def suspects(diagnosis: Diagnosis) -> Figure | None:
@@ -159,7 +170,7 @@ def suspects(diagnosis: Diagnosis) -> Figure | None:
         left.barh(place, [100.0 * s.score for s in shown], color=colours, height=0.62)
         for y, suspect in zip(place, shown, strict=True):
             left.annotate(
-                f"{100.0 * suspect.score:.3g} %",
+                percent(suspect.score),
                 (100.0 * suspect.score, float(y)),
                 xytext=(4, 0),
                 textcoords="offset points",
@@ -182,7 +193,7 @@ def suspects(diagnosis: Diagnosis) -> Figure | None:
         for y, suspect in zip(place, shown, strict=True):
             like = ", ".join(name for name, cosine in suspect.overlaps[:2] if cosine > 0.9)
             right.annotate(
-                f"{100.0 * suspect.visibility:.2g} %" + (f"  like {like}" if like else ""),
+                percent(suspect.visibility) + (f"  like {like}" if like else ""),
                 (100.0 * suspect.visibility, float(y)),
                 xytext=(4, 0),
                 textcoords="offset points",
@@ -200,6 +211,12 @@ def suspects(diagnosis: Diagnosis) -> Figure | None:
             axis.set_ylim(-0.7, len(shown) - 0.3)
         legend_below(made, left)
         return made
+
+
+def percent(share: float) -> str:
+    """A share with two digits below ten percent, and none after the point above."""
+    value = 100.0 * share
+    return f"{value:.0f} %" if value >= 10.0 else f"{value:.2g} %"
 
 
 def zoom(entries: Sequence[Entry], record: int = 0) -> Figure:
