@@ -22,6 +22,9 @@ FloatArray = NDArray[np.float64]
 
 SIGNIFICANT = 1e-3
 """Corrected p-value below which a suspect is worth a refit."""
+SHORT = 0.05
+"""The same where nothing is held out: long-run variances of a few dozen samples say little, and
+strong evidence after the refit asks for more than this by itself."""
 STRONG = 10.0
 """Difference of BIC that counts as very strong evidence (Kass & Raftery 1995)."""
 _WORTH = 0.02
@@ -119,8 +122,9 @@ def climb(
     steps: list[Step] = []
     refined: list[str] = []
     error = error_on(fit, held.record)
+    bar = SIGNIFICANT if held.record is not None else SHORT
     for _ in range(_MOST_ROUNDS):
-        likely = [s for s in now if s.p_value < SIGNIFICANT]
+        likely = [s for s in now if s.p_value < bar]
         if not likely and structure(fit, noise_floor(fit)).left:
             # A residual that comes in a few bursts leaves no score significant: let refits tell.
             likely = [s for s in now if s.score > _TELLING][:3]
