@@ -8,8 +8,11 @@ from typing import Any, Final
 
 from piezo_opt.identification import (
     CmaEs,
+    Collocation,
     DifferentialEvolution,
+    Ipopt,
     LevenbergMarquardt,
+    MultipleShooting,
     NelderMead,
     ScipyLeastSquares,
     SingleShooting,
@@ -24,12 +27,15 @@ class SolverName(Enum):
     NELDER_MEAD = "nelder-mead"
     DIFFERENTIAL_EVOLUTION = "differential-evolution"
     CMA_ES = "cma-es"
+    IPOPT = "ipopt"
 
 
 class TranscriptionName(Enum):
     """Transcriptions by name."""
 
     SINGLE = "single"
+    MULTIPLE = "multiple"
+    COLLOCATION = "collocation"
 
 
 _SOLVERS: Final[Mapping[SolverName, Callable[[], Any]]] = {
@@ -38,9 +44,12 @@ _SOLVERS: Final[Mapping[SolverName, Callable[[], Any]]] = {
     SolverName.NELDER_MEAD: NelderMead,
     SolverName.DIFFERENTIAL_EVOLUTION: DifferentialEvolution,
     SolverName.CMA_ES: CmaEs,
+    SolverName.IPOPT: Ipopt,
 }
 _TRANSCRIPTIONS: Final[Mapping[TranscriptionName, Callable[[], Any]]] = {
     TranscriptionName.SINGLE: SingleShooting,
+    TranscriptionName.MULTIPLE: MultipleShooting,
+    TranscriptionName.COLLOCATION: Collocation,
 }
 
 

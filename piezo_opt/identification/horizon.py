@@ -318,11 +318,13 @@ def identify_by_program(
 
     def report(scaled: FloatArray) -> None:
         at = _snapped(unknowns, scaled * scale)
-        residual = objective.residual(at)
-        cost = objective.cost(residual)
+        # On the way the simulation of the whole record may run away; the program does not.
+        with np.errstate(over="ignore", invalid="ignore"):
+            residual = objective.residual(at)
+            cost, rms = objective.cost(residual), objective.rms(residual)
         if np.isfinite(cost):
             monitor.saw(at, cost)
-        monitor.iterate(at, objective.rms(residual))
+        monitor.iterate(at, rms if np.isfinite(rms) else float("inf"))
 
     solved = None
     for _ in range(2):

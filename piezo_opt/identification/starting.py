@@ -22,6 +22,7 @@ from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.problem import Identification, Start
 from piezo_opt.identification.shapes import resonances, shape_grid
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
+from piezo_opt.identification.tall import gram
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
 from piezo_opt.measurement import Measurement
 from piezo_opt.values import Values
@@ -211,7 +212,7 @@ class _Search:
         # A touch of ridge keeps directions that the record cannot see where they are.
         norms = np.linalg.norm(j, axis=0)
         norms[norms == 0.0] = 1.0
-        normal = (j.T @ j) / np.outer(norms, norms) + 1e-6 * np.eye(len(linear))
+        normal = gram(j) / np.outer(norms, norms) + 1e-6 * np.eye(len(linear))
         step = np.linalg.solve(normal, -(j.T @ point.residual) / norms) / norms
         moved = theta.copy()
         moved[linear] += step * unknown.scale[linear]

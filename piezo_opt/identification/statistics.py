@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from piezo_opt.identification.tall import triangle
 from piezo_opt.simulation import INITIAL
 
 FloatArray = NDArray[np.float64]
@@ -51,7 +52,7 @@ def uncertainty(
         return Uncertainty(covariance, False)
     j = jacobian[:, index]
     # The triangle of J has its singular values and costs a fraction.
-    _, size, vt = np.linalg.svd(np.linalg.qr(j, mode="r"), full_matrices=False)
+    _, size, vt = np.linalg.svd(triangle(j), full_matrices=False)
     null = size <= 1e-10 * size.max(initial=0.0)
     # Rounding must not lend an unknown a share of a direction that it has no part in.
     vt[np.ix_(null, range(vt.shape[1]))] *= np.abs(vt[null]) > 1e-5
@@ -151,9 +152,11 @@ def blind_spots(
     others = [k for k in range(theta.size) if free[k] and nuisance(names[k]) and norms[k] > 0]
     seen = relative[:, usable]
     if others:
-        basis, _ = np.linalg.qr(relative[:, others] / norms[others])
-        seen = seen - basis @ (basis.T @ seen)
-    seen = np.asarray(np.linalg.qr(seen, mode="r"))
+        # The triangle's lower right corner is what the last columns have to themselves.
+        both = np.hstack([relative[:, others] / norms[others], seen])
+        seen = triangle(both)[len(others) :, len(others) :]
+    else:
+        seen = triangle(seen)
     for component in _hidden(seen, sigma):
         told.update(names[usable[i]] for i in component.members)
         sentences.append(component.sentence([names[usable[i]] for i in component.members]))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.outcome import Ending
 from piezo_opt.identification.solvers.base import Solution
+from piezo_opt.identification.tall import gram
 
 FloatArray = NDArray[np.float64]
 
@@ -73,7 +74,7 @@ class LevenbergMarquardt:
                     theta, Ending.FAILED,
                     "The sensitivities are not finite at the best point; tighten the bounds.",
                 )  # fmt: skip
-            gradient, normal = j.T @ weighted.residual, j.T @ j
+            gradient, normal = j.T @ weighted.residual, gram(j)
             norms = np.maximum(norms, np.sqrt(np.diag(normal)))
             weight = np.where(norms > 0, norms, 1.0) ** 2
             held = ((theta <= low) & (gradient > 0)) | ((theta >= high) & (gradient < 0))

@@ -37,8 +37,9 @@ class ScalarCost:
     def __call__(self, theta: FloatArray) -> float:
         """Cost at a point within the bounds."""
         objective = self._objective
-        residual = objective.residual(theta)
-        cost = objective.cost(residual)
+        with np.errstate(over="ignore", invalid="ignore"):
+            residual = objective.residual(theta)
+            cost = objective.cost(residual)
         if not np.isfinite(cost):
             return WORST
         self.finite = True

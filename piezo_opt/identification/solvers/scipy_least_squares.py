@@ -64,8 +64,9 @@ class ScipyLeastSquares:
 
         def residual(at: FloatArray) -> FloatArray:
             inside = unknowns.clip(at)
-            found = objective.residual(inside)
-            monitor.saw(inside, objective.cost(found))
+            with np.errstate(over="ignore", invalid="ignore"):
+                found = objective.residual(inside)
+                monitor.saw(inside, objective.cost(found))
             return found / unit
 
         def jacobian(at: FloatArray) -> FloatArray:
