@@ -128,11 +128,12 @@ def climb(
         if not likely and structure(fit, noise_floor(fit)).left:
             # A residual that comes in a few bursts leaves no score significant: let refits tell.
             likely = [s for s in now if s.score > _TELLING][:3]
-        if not likely:
-            break
-        short = _shortlist(likely)
+        # An exponent may be wrong where no absent effect looks likely.
         rungs = [r for r in _refinements(fit) if r.delta_bic > STRONG]
-        if not any(r.fit.rms <= 1.01 * short[0].predicted_rms for r in rungs):
+        if not likely and not rungs:
+            break
+        short = _shortlist(likely) if likely else []
+        if short and not any(r.fit.rms <= 1.01 * short[0].predicted_rms for r in rungs):
             # No exponent of the base model alone does as well as the likeliest effect would.
             tell(f"refitting with {', '.join(s.name for s in short)}")
             rungs += _refits(fit, short, threads)

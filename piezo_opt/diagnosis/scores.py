@@ -195,7 +195,7 @@ def _best(effect: Effect, directions: list[Direction], r: FloatArray) -> _Best:
     )
 
 
-def wald(column: FloatArray, r: FloatArray) -> float:
+def wald(column: FloatArray, r: FloatArray, *, dense: bool = False) -> float:
     """Squared score over its variance, about chi-squared with one degree when absent.
 
     The variance is taken from what is left after the column has explained its share, so that a
@@ -207,7 +207,9 @@ def wald(column: FloatArray, r: FloatArray) -> float:
         Newey and West's                noise that is larger where the column is
 
     with flat-top weights w over the residual's memory (Politis & Romano 1995, J. Time Series
-    Analysis 16(1), 67-103) and Bartlett's.
+    Analysis 16(1), 67-103) and Bartlett's. Newey and West's rests on few products where a column
+    is large at few samples, as after steps; for one that is ``dense`` it is enough, and it does
+    not take the misfit of a model for stationary noise.
     """
     power = float(column @ column)
     if power == 0.0:
@@ -218,6 +220,8 @@ def wald(column: FloatArray, r: FloatArray) -> float:
     terms = column * left
     white = float(np.mean(left**2)) * power
     own = terms.size * long_run_variance(terms, lags)
+    if dense:
+        return along**2 / max(white, own, 1e-300)
     weights = 2.0 * np.minimum(1.0, 2.0 * (1.0 - np.arange(lags + 1) / (lags + 1.0)))
     weights[0] = 1.0
     gamma = _lagged(left, lags) / left.size
@@ -225,11 +229,11 @@ def wald(column: FloatArray, r: FloatArray) -> float:
     return along**2 / max(white, own, stationary, 1e-300)
 
 
-def chance(column: FloatArray, r: FloatArray) -> float:
+def chance(column: FloatArray, r: FloatArray, *, dense: bool = False) -> float:
     """Probability of so large a score by noise alone, for one column looked at.
 
     Student's t instead of chi-squared: a variance estimated over L lags of N samples is as
-    uncertain as one from 3 N / (2 L) independent ones.
+    uncertain as one from about 3 N / L independent ones.
 
     Source: Kiefer & Vogelsang (2005), Econometric Theory 21(6), 1130-1164 (such variances are not
     consistent, and normal tails are too thin); Priestley (1981), Spectral Analysis and Time
@@ -239,8 +243,8 @@ def chance(column: FloatArray, r: FloatArray) -> float:
     if power == 0.0:
         return 1.0
     left = r - column * (float(column @ r) / power)
-    degrees = max(1.0, 1.5 * r.size / (memory(left) + 1.0))
-    return float(2.0 * stats.t.sf(np.sqrt(wald(column, r)), degrees))
+    degrees = max(1.0, 3.0 * r.size / (memory(left) + 1.0))
+    return float(2.0 * stats.t.sf(np.sqrt(wald(column, r, dense=dense)), degrees))
 
 
 def _lagged(x: FloatArray, lags: int) -> FloatArray:

@@ -62,7 +62,7 @@ def _follows_drive(fit: Fit, point: BasePoint) -> tuple[float, str]:
     least, named = 1.0, ""
     for label, columns in parts.items():
         column = point.project(np.concatenate(columns))
-        p = chance(column, point.residual) * len(parts)
+        p = chance(column, point.residual, dense=True) * len(parts)
         if p < least:
             least, named = p, label
     return least, named

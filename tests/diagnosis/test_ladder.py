@@ -1,0 +1,180 @@
+"""The ladder takes what is true, and only with the consent of data that were not fitted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import piezo_opt as po
+from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, hold_out, rms
+from piezo_opt.diagnosis.ladder import Ladder, bic_gain, climb
+from piezo_opt.effects import (
+    AmplifierLag,
+    Asymmetry,
+    Creep,
+    Delay,
+    Drift,
+    Effect,
+    NonlinearGain,
+    RateDependence,
+    SecondMode,
+    SensorLag,
+)
+from piezo_opt.errors import InputError
+from tests.diagnosis.plants import (
+    MOVING,
+    NOISE,
+    STILL,
+    clock,
+    fitted,
+    measured,
+    rich,
+    sine,
+    triangle,
+)
+
+CREEP = Creep(elements=1), {"c": 0.02, "tau": 0.1}
+MODE = SecondMode(), {"g": 0.03, "omega": 2.0 * np.pi * 150.0, "zeta": 0.02}
+FEW: list[Effect] = [Creep(elements=1), SecondMode(), Drift(), NonlinearGain(), Asymmetry()]
+
+
+def climbed(
+    base: po.Model, record: po.Measurement, candidates: list[Effect], test: po.Measurement | None
+) -> tuple[Ladder, HeldOut]:
+    held = hold_out(po.Identification(base, record), test)
+    return climb(fitted(base, held.question.campaign.records[0]), held, candidates), held
+
+
+@pytest.fixture(scope="module")
+def two() -> tuple[Ladder, HeldOut]:
+    """Creep and a second mode, both hidden; the last 30 % judge."""
+    time = clock(3000)
+    return climbed(MOVING, measured(MOVING, time, rich(time), CREEP, MODE), FEW, None)
+
+
+def test_two_hidden_effects_are_found_and_kept(two: tuple[Ladder, HeldOut]) -> None:
+    ladder, _ = two
+    assert sorted(s.name for s in ladder.steps) == ["creep", "second_mode"]
+    assert ladder.dropped == ()
+    assert ladder.refined == ()
+    assert set(ladder.final.model.names) == {*MOVING.names, "creep", "second_mode"}
+    values = ladder.final.values
+    assert values["second_mode.omega"] == pytest.approx(MODE[1]["omega"], rel=0.01)
+    assert values["second_mode.g"] == pytest.approx(MODE[1]["g"], rel=0.1)
+    assert values["creep.c"] == pytest.approx(CREEP[1]["c"], rel=0.15)
+
+
+def test_each_rung_is_the_next_ones_start(two: tuple[Ladder, HeldOut]) -> None:
+    ladder, held = two
+    first, second = ladder.steps
+    assert first.rms_before == ladder.baseline.rms
+    assert second.rms_before == first.rms_after == first.fit.rms
+    assert second.held_out_before == first.held_out_after
+    assert second.held_out_after == rms(error_on(ladder.final, held.record))
+    assert second.rms_after == pytest.approx(NOISE, rel=0.03)
+    assert second.held_out_after == pytest.approx(NOISE, rel=0.1)
+    assert first.delta_bic > 10.0
+    assert second.delta_bic > 10.0
+
+
+def test_bic_by_hand(two: tuple[Ladder, HeldOut]) -> None:
+    """With white residuals: N ln(SSR0 / SSR1) - k ln N, k the unknowns that were added."""
+    ladder, _ = two
+    second = ladder.steps[1]
+    before, after = ladder.steps[0].fit, second.fit
+    n = after.residuals.size
+    added = len(after.names) - len(before.names)
+    fall = 2.0 * n * np.log(second.rms_before / second.rms_after) - added * np.log(n)
+    assert bic_gain(before, after, float(n)) == pytest.approx(fall, rel=1e-9)
+    assert bic_gain(before, after) == pytest.approx(fall, rel=0.1)
+    assert bic_gain(after, before) < 0.0
+
+
+def test_held_out_data_that_disagree_block_a_step() -> None:
+    """Another actuator, without the effect, judges: what was fitted does not hold there."""
+    time = clock(2000)
+    train = measured(STILL, time, rich(time), CREEP, name="train")
+    calm = measured(STILL, time, triangle(time, 2.0), seed=1, name="calm")
+    alike = measured(STILL, time, triangle(time, 2.0), CREEP, seed=1, name="alike")
+    candidates: list[Effect] = [Creep(elements=1)]
+    refused, _ = climbed(STILL, train, candidates, calm)
+    assert refused.suspects[0].p_value < 1e-3
+    assert refused.steps == ()
+    assert refused.final is refused.baseline
+    accepted, _ = climbed(STILL, train, candidates, alike)
+    assert [s.name for s in accepted.steps] == ["creep"]
+
+
+def test_a_lag_on_a_sine_is_answered_by_its_group() -> None:
+    time = clock(2000)
+    hidden = AmplifierLag(), {"share": 1.0, "tau": 2e-3}
+    lags: list[Effect] = [AmplifierLag(), Delay(), SensorLag(), Drift()]
+    ladder, _ = climbed(MOVING, measured(MOVING, time, sine(time), hidden), lags, None)
+    assert len(ladder.steps) == 1
+    assert ladder.steps[0].group[0] == ladder.steps[0].name
+    assert "amplifier_lag" in ladder.steps[0].group
+    assert "drift" not in ladder.steps[0].group
+
+
+def test_nothing_hidden_is_nothing_found() -> None:
+    time = clock(2000)
+    for seed in range(5):
+        ladder, _ = climbed(STILL, measured(STILL, time, rich(time), seed=seed), FEW, None)
+        assert ladder.steps == ()
+        assert ladder.final is ladder.baseline
+
+
+def test_another_roundness_of_the_loop_is_no_missing_effect() -> None:
+    time = clock(2000)
+    blank = po.Measurement(time, rich(time), rich(time), allow_saturated=True)
+    values = {**fitted(STILL, measured(STILL, time, rich(time))).values, "bouc_wen.n": 1.6}
+    reading = po.simulate(STILL, blank, {k: v for k, v in values.items() if "initial" not in k})
+    noise = NOISE * np.random.default_rng(0).normal(size=time.size)
+    record = blank.with_(position=reading.reading + noise)
+    candidates: list[Effect] = [Asymmetry(), NonlinearGain(), RateDependence()]
+    ladder, _ = climbed(STILL, record, candidates, None)
+    assert ladder.refined == ("bouc_wen.n",)
+    assert ladder.steps == ()
+    assert ladder.final.values["bouc_wen.n"] == pytest.approx(1.6, rel=0.1)
+    assert ladder.final.rms == pytest.approx(NOISE, rel=0.05)
+
+
+def test_what_is_held_out() -> None:
+    time = clock(2000)
+    record = measured(STILL, time, rich(time))
+    question = po.Identification(STILL, record)
+    held = hold_out(question, None)
+    assert held.record is not None
+    assert int(held.record.counted.sum()) == 600
+    assert len(held.question.campaign.records[0]) == 1400
+    # Simulated through: the judging record begins where the whole record does.
+    assert held.record.time[0] == 0.0
+    other = measured(STILL, time, triangle(time, 1.0), name="other")
+    assert hold_out(question, other).record is other
+    assert hold_out(question, other).question is question
+    both = hold_out(po.Identification(STILL, (record, other)), None)
+    assert both.record is other
+    assert both.question.campaign.names == ("record",)
+    periodic = measured(STILL, time, triangle(time, 1.0)).with_(period=1.0)
+    assert hold_out(po.Identification(STILL, periodic), None).record is None
+    short = measured(STILL, clock(200), rich(clock(200)))
+    assert hold_out(po.Identification(STILL, short), None).record is None
+
+
+def test_errors_of_equal_size_seldom_agree() -> None:
+    rng = np.random.default_rng(0)
+    draws = [agrees(*rng.normal(size=(2, 600))) for _ in range(600)]
+    assert np.mean(draws) == pytest.approx(0.025, abs=0.02)
+    before = rng.normal(size=600)
+    assert agrees(before, 0.9 * before)
+    assert not agrees(0.9 * before, before)
+    assert not agrees(before, np.full(600, np.nan))
+    assert agrees(None, None)
+
+
+def test_an_empty_catalogue_is_no_error() -> None:
+    time = clock(1000)
+    ladder, _ = climbed(STILL, measured(STILL, time, rich(time), CREEP), [], None)
+    assert ladder.steps == ()
+    with pytest.raises(InputError):
+        hold_out(po.Identification(STILL, ()), None)
