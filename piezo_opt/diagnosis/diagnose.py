@@ -228,6 +228,7 @@ def diagnose(
         suspects, unscored = score(BasePoint(fit), left, threads)
         return Diagnosis(fit, fit, "open", noise, by_name(suspects), unscored)
     held = hold_out(fit.question, test)
+    offered, unheard = _judgeable(offered, held.record)
     baseline = _on(held, fit)
     climbed = climb(baseline, held, offered, tell, threads)
     final = _whole(fit, climbed)
@@ -254,7 +255,7 @@ def diagnose(
         verdict=verdict,
         noise=floor,
         suspects=climbed.suspects,
-        unscored=climbed.unscored,
+        unscored=(*climbed.unscored, *unheard),
         steps=climbed.steps,
         refined=climbed.refined,
         dropped=climbed.dropped,
@@ -272,6 +273,24 @@ def _sentences(left: Unexplained | None) -> tuple[str, ...]:
 
 def _silent(_: str) -> None:
     return None
+
+
+def _judgeable(
+    offered: Sequence[Effect], record: Measurement | None
+) -> tuple[list[Effect], tuple[Unscored, ...]]:
+    """Effects that can be simulated on the record judged on, and those it has no channel for."""
+    if record is None:
+        return list(offered), ()
+    lacking = {
+        effect.name: need.removeprefix("channel:")
+        for effect in offered
+        for need in effect.requires
+        if need.startswith("channel:") and need.removeprefix("channel:") not in record.channels
+    }
+    kept = [effect for effect in offered if effect.name not in lacking]
+    why = "needs the channel '{}', which the record that is judged on does not have."
+    unheard = (Unscored(name, f"{name} {why.format(channel)}") for name, channel in lacking.items())
+    return kept, tuple(unheard)
 
 
 def _on(held: HeldOut, fit: Fit) -> Fit:
