@@ -320,7 +320,9 @@ class _Assembler:
             definitions[f"start of {name}"] = (symbol, value)
             offset += size
         at_rest = _in_order(definitions)(x)
-        still = [self.command.rate, *self.dx.values(), *(s.rate for s in self.channels.values())]
+        signals = (self.command, self.drive, self.free, *self.channels.values())
+        rates = (symbol for symbol, _ in self.incoming_rates)
+        still = [*(s.rate for s in signals), *rates, *self.dx.values(), self.acceleration]
         at_rest = ca.substitute([at_rest], still, [ca.SX.zeros(s.shape) for s in still])[0]
         return ca.Function("po_start", [self.time, self.command.value, c, p, deviation], [at_rest])
 

@@ -141,7 +141,7 @@ def advise(
 
     Args:
         fit: the fit *without* the effects; sizes and shapes are those of their scores at it.
-        group: two or more absent effects.
+        group: two or more absent effects; variants of one name stand for each other.
         noise: root mean square of the reading's noise [m], as that of independent samples.
         drives: candidates; :func:`candidate_drives` of the first record unless given.
         duration: of each candidate [s]; that of the first record unless given.
@@ -152,8 +152,8 @@ def advise(
             model can be simulated.
         ModelError: the model cannot take an effect.
     """
-    names = tuple(e.name for e in group)
-    if len(set(names)) < 2:
+    names = tuple(dict.fromkeys(e.name for e in group))
+    if len(names) < 2:
         raise InputError(f"Nothing to tell apart in ({', '.join(names)}): name two effects.")
     _check_noise(noise)
     here = BasePoint(fit)
@@ -183,7 +183,7 @@ def advise(
         sigmas=best.sigmas,
         here=now,
         detectable={},
-        assumed={m.effect.name: m.assumed() for m in members},
+        assumed={m.effect.name: m.assumed() for m in reversed(members)},
         trials=trials,
         sentence=_split_sentence(names, best, now),
     )
@@ -296,15 +296,14 @@ def experiments(
     # Slow noise carries less news a sample; what is left unexplained counts as noise.
     news = effective_samples(final.residuals) / final.residuals.size
     level = max(noise, final.rms) / float(np.sqrt(news))
-    kinds = {e.name: e for e in reversed(offered)}
     found: list[Advice] = []
     before = fit
     for step in steps:
-        group = [kinds[n] for n in step.group if n in kinds and n != step.name]
-        if group:
+        group = [e for n in step.group for e in offered if e.name == n]
+        if len(step.group) > 1:
             # Without a size or a drive there is no experiment; the group is named anyway.
             with suppress(PiezoOptError):
-                found.append(advise(before, [step.effect, *group], level, threads=threads))
+                found.append(advise(before, group, level, threads=threads))
         before = step.fit
     if not hidden:
         return tuple(found), ()
@@ -436,7 +435,7 @@ def _alone(fixed: Mapping[str, float | str]) -> dict[str, float | str]:
 def _sized(point: BasePoint, group: Sequence[Effect]) -> list[_Member]:
     """Members of a group at their best shapes, each as large as the best of them explains."""
     drafts: list[tuple[_Member, float, float]] = []
-    for member in _typical(point, group):
+    for member in _typical(point, group, variants=True):
         best, best_gain, best_length = member, -1.0, 0.0
         for d in point.directions(member.effect, member.grid):
             length = float(np.linalg.norm(d.projected))
@@ -463,12 +462,15 @@ def _sized(point: BasePoint, group: Sequence[Effect]) -> list[_Member]:
     return members
 
 
-def _typical(point: BasePoint, effects: Sequence[Effect]) -> list[_Member]:
+def _typical(
+    point: BasePoint, effects: Sequence[Effect], *, variants: bool = False
+) -> list[_Member]:
     """Effects that the model can take, in the middle of their typical ranges."""
     channels = tuple(point.question.campaign.records[0].channels)
-    members: dict[str, _Member] = {}
+    members: dict[tuple[object, ...], _Member] = {}
     for effect in effects:
-        taken = effect.name in point.question.model or effect.name in members
+        key = (effect.name, *effect.options.items()) if variants else (effect.name,)
+        taken = effect.name in point.question.model or key in members
         if taken or point.question.model.refusal(effect, channels) is not None:
             continue
         gate = _gate(effect)
@@ -489,7 +491,7 @@ def _typical(point: BasePoint, effects: Sequence[Effect]) -> list[_Member]:
         size = _middle(gate) - _null(gate)
         if size == 0.0:
             size = gate.scale
-        members[effect.name] = _Member(effect, min(grid, key=distance), size, grid)
+        members[key] = _Member(effect, min(grid, key=distance), size, grid)
     return list(members.values())
 
 
@@ -542,7 +544,7 @@ def _separation(
     for i, one in enumerate(members):
         does = one.size * columns[i][0].projected
         for j, other in enumerate(members):
-            if i == j:
+            if one.effect.name == other.effect.name:
                 continue
             apart = _distance(does, other.effect, columns[j])
             if least is None or apart < least[0]:

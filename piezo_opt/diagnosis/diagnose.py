@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, final
@@ -132,7 +133,7 @@ class Diagnosis:
                     "delta_bic": s.delta_bic,
                     "p_value": s.p_value,
                     "parameters": {
-                        n: {"value": s.fit.values[n], "std": s.fit.std.get(n)}
+                        n: {"value": s.fit.values[n], "std": _finite(s.fit.std.get(n))}
                         for n in s.fit.names
                         if n.startswith(f"{s.name}.")
                     },
@@ -271,6 +272,11 @@ def _sentences(left: Unexplained | None) -> tuple[str, ...]:
     return () if left is None else (str(left),)
 
 
+def _finite(number: float | None) -> float | None:
+    """JSON has no NaN: a deviation that is not known is null."""
+    return None if number is None or not math.isfinite(number) else number
+
+
 def _silent(_: str) -> None:
     return None
 
@@ -315,7 +321,12 @@ def _headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "open":
         return f"Scores at the fit (rms {before}); nothing was refitted."
     if diagnosis.verdict == "complete":
-        return f"Complete: the residual of {before} is noise as far as this record can tell."
+        freed = f" once {', '.join(diagnosis.refined)} is freed" if diagnosis.refined else ""
+        fell = f", down from {before}," if diagnosis.refined else ""
+        return (
+            f"Complete{freed}: the residual of {after}{fell} is noise as far as this record can "
+            "tell."
+        )
     names = ", ".join(s.name for s in diagnosis.steps)
     if diagnosis.verdict == "missing":
         return f"Missing: {names}. The error falls from {before} to {after}."

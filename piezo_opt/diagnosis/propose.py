@@ -24,6 +24,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_opt.assembly import assemble
 from piezo_opt.diagnosis.entering import Entering
 from piezo_opt.diagnosis.forces import RATES, share_of
 from piezo_opt.diagnosis.formula import Factor, Formula, Shape, Term
@@ -31,6 +32,7 @@ from piezo_opt.diagnosis.noise import NoiseFloor
 from piezo_opt.diagnosis.scores import effective_samples
 from piezo_opt.diagnosis.trajectory import Quantity
 from piezo_opt.effects.base import Place
+from piezo_opt.errors import ModelError
 
 FloatArray = NDArray[np.float64]
 
@@ -51,8 +53,7 @@ _GONE: Final = 1e-6
 
 def propose(chain: Entering, place: Place, noise: NoiseFloor) -> Formula | None:
     """A formula for the correction that enters a place; None where no term is worth its price."""
-    readable = chain.trajectory.readable(place)
-    signals = {q: chain.trajectory.signals[q] for q in readable}
+    signals = {q: chain.trajectory.signals[q] for q in readable(chain, place)}
     columns = _Columns(chain, place, signals)
     columns.offer(library(signals))
     chosen = columns.select(noise)
@@ -77,6 +78,21 @@ def propose(chain: Entering, place: Place, noise: NoiseFloor) -> Formula | None:
         columns.share(chosen, noise),
         columns.rivals(chosen, noise),
     )
+
+
+def readable(chain: Entering, place: Place) -> tuple[Quantity, ...]:
+    """Signals that an effect of this model at this place can read without an algebraic loop."""
+    found = []
+    for quantity in chain.trajectory.signals:
+        if quantity is Quantity.SINCE_REVERSAL:
+            continue  # no signal of the chain
+        term = Term((Factor(quantity, Shape.LINEAR, 1.0),))
+        try:
+            assemble(chain.fit.model + Formula(place, (term,), (1.0,), 0.0).as_effect())
+        except ModelError:
+            continue
+        found.append(quantity)
+    return tuple(found)
 
 
 def library(signals: Mapping[Quantity, FloatArray]) -> list[Term]:

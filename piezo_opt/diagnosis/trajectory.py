@@ -10,7 +10,6 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.effects.base import Place
 from piezo_opt.identification import Fit, Start
 from piezo_opt.identification.unknowns import theta_of, unknowns
 from piezo_opt.measurement import Measurement
@@ -46,20 +45,10 @@ class Trajectory:
     Attributes:
         signals: by quantity; one that does not move is left out.
         lengths: samples of each record.
-        quasi_static: whether the position follows the free displacement at once.
     """
 
     signals: Mapping[Quantity, FloatArray]
     lengths: tuple[int, ...]
-    quasi_static: bool
-
-    def readable(self, place: Place) -> tuple[Quantity, ...]:
-        """What an effect at this place can read: states, and algebraic signals upstream of it."""
-        algebraic = self.quasi_static and place is not Place.OUTPUT
-        hidden = {Quantity.SINCE_REVERSAL}
-        if algebraic:
-            hidden |= {Quantity.POSITION, Quantity.VELOCITY}
-        return tuple(q for q in self.signals if q not in hidden)
 
     def split(self, stacked: FloatArray) -> list[FloatArray]:
         """One array a record of an array over all samples."""
@@ -95,7 +84,7 @@ def trajectory(fit: Fit) -> Trajectory:
     stacked = {q: np.concatenate([part[q] for part in parts]) for q in Quantity}
     moving = {q: s for q, s in stacked.items() if np.isfinite(s).all() and np.ptp(s) > 0}
     lengths = tuple(len(record) for record in fit.records)
-    return Trajectory(moving, lengths, fit.model.quasi_static)
+    return Trajectory(moving, lengths)
 
 
 def _signals(

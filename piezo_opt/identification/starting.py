@@ -237,7 +237,7 @@ class _Search:
     def followed(self, start: dict[str, float]) -> tuple[float, dict[str, float]]:
         """Cost and values after some Gauss-Newton steps in all unknowns."""
         objective, unknown = self._ready(start)
-        solution = LevenbergMarquardt(iterations=15, tolerance=1e-5).minimise(
+        solution = LevenbergMarquardt(iterations=4, tolerance=1e-4).minimise(
             objective, theta_of(unknown, start)
         )
         cost = objective.cost(objective.residual(solution.theta))
@@ -272,7 +272,12 @@ def _scan_widths(
     trials.sort(key=lambda pair: pair[0])
     if search.samples > _CHEAP or len(trials) == 1:
         return trials[0][1]
-    return min((search.followed(found) for _, found in trials[:6]), key=lambda pair: pair[0])[1]
+    # The best of each roundness: trials of one roundness end in the same minimum.
+    sides: dict[float, dict[str, float]] = {}
+    for _, found in trials:
+        side = float(np.sign(found.get(f"{widths[0].rpartition('.')[0]}.gamma", 0.0)))
+        sides.setdefault(side, found)
+    return min((search.followed(found) for found in sides.values()), key=lambda p: p[0])[1]
 
 
 def _scan_resonance(

@@ -1,0 +1,233 @@
+"""The whole way: verdict, words and data, the user's own candidates, the user's own say."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+import numpy as np
+import pytest
+
+import piezo_opt as po
+from piezo_opt.diagnosis import Diagnosis, diagnose
+from piezo_opt.effects import Creep, Effect, SensorNonlinearity
+from piezo_opt.effects.base import Chain, Equations, Parameter, Place
+from piezo_opt.errors import ModelError
+from tests.diagnosis.plants import NOISE, STILL, clock, fitted, measured, rich, triangle
+
+TIME = clock()
+CREEP = Creep(elements=1), {"c": 0.02, "tau": 0.1}
+FRINGES = SensorNonlinearity(), {"a": 5e-8}
+KEYS = {
+    "schema", "verdict", "noise_rms", "rms_baseline", "rms_final", "steps", "suspects",
+    "unexplained", "advice",
+}  # fmt: skip
+STEP_KEYS = {
+    "effect", "group", "rms_before", "rms_after", "held_out_before", "held_out_after",
+    "delta_bic", "p_value", "parameters",
+}  # fmt: skip
+SUSPECT_KEYS = {"effect", "score", "predicted_rms", "visibility", "overlaps", "p_value"}
+
+
+@pytest.fixture(scope="module")
+def creeping() -> po.Fit:
+    """Fitted without the creep that is there."""
+    return fitted(STILL, measured(STILL, TIME, rich(TIME), CREEP))
+
+
+@pytest.fixture(scope="module")
+def missing(creeping: po.Fit) -> Diagnosis:
+    return diagnose(creeping)
+
+
+@pytest.fixture(scope="module")
+def complete() -> Diagnosis:
+    return diagnose(fitted(STILL, measured(STILL, TIME, rich(TIME))))
+
+
+@pytest.fixture(scope="module")
+def unexplained() -> Diagnosis:
+    """An interferometer's fringes, which the catalogue may not use."""
+    fit = fitted(STILL, measured(STILL, TIME, rich(TIME), FRINGES))
+    return diagnose(fit, withhold=("sensor_nonlinearity", "mains_pickup"))
+
+
+def test_missing(missing: Diagnosis) -> None:
+    assert missing.verdict == "missing"
+    assert [s.name for s in missing.steps] == ["creep"]
+    assert missing.best().name == "creep"
+    assert missing.final.rms == pytest.approx(NOISE, rel=0.05)
+    assert missing.noise.rms == pytest.approx(NOISE, rel=0.1)
+    # The final fit is that of the whole record, not of the part that was fitted first.
+    assert missing.final.residuals.size == TIME.size
+    assert missing.steps[0].fit.residuals.size == 1400
+
+
+def test_complete(complete: Diagnosis) -> None:
+    assert complete.verdict == "complete"
+    assert complete.steps == ()
+    assert complete.final is complete.fit
+    with pytest.raises(ModelError, match="nothing to add"):
+        complete.best()
+
+
+def test_unexplained(unexplained: Diagnosis) -> None:
+    assert unexplained.verdict == "unexplained"
+    assert "sensor_nonlinearity" not in [s.name for s in unexplained.suspects]
+    assert unexplained.structure.clues
+    assert unexplained.to_dict()["unexplained"] is not None
+
+
+def test_what_is_withheld_is_found_when_it_is_not(unexplained: Diagnosis) -> None:
+    found = diagnose(unexplained.fit, advise=False)
+    assert found.steps[0].name == "sensor_nonlinearity"
+    assert found.final.rms == pytest.approx(NOISE, rel=0.05)
+    assert found.verdict == "missing"
+
+
+@pytest.mark.parametrize("which", ["missing", "complete", "unexplained"])
+def test_json_has_what_is_promised(which: str, request: pytest.FixtureRequest) -> None:
+    diagnosis: Diagnosis = request.getfixturevalue(which)
+    data = json.loads(json.dumps(diagnosis.to_dict(), allow_nan=False))
+    assert set(data) >= KEYS
+    assert data["schema"] == "piezo_opt/diagnosis/1"
+    assert data["verdict"] == which
+    assert (data["unexplained"] is None) == (which != "unexplained")
+    assert len(data["steps"]) == len(diagnosis.steps)
+    for step in data["steps"]:
+        assert set(step) >= STEP_KEYS
+        assert step["effect"] in step["group"]
+        assert step["parameters"]
+    assert len(data["suspects"]) > 12
+    assert len({s["effect"] for s in data["suspects"]}) == len(data["suspects"])
+    for suspect in data["suspects"]:
+        assert set(suspect) == SUSPECT_KEYS
+        assert 0.0 <= suspect["score"] <= 1.0
+        assert 0.0 <= suspect["p_value"] <= 1.0
+        assert 0.0 <= suspect["visibility"] <= 1.0 + 1e-9
+        assert (
+            suspect["predicted_rms"] <= diagnosis.steps[0].rms_before * (1 + 1e-9)
+            if (diagnosis.steps)
+            else True
+        )
+    assert all(isinstance(s, str) and s.endswith(".") for s in data["advice"])
+    assert data["rms_baseline"] == diagnosis.fit.rms
+    assert 1e-9 < data["rms_final"] < 1e-6
+
+
+def test_a_deviation_that_is_not_known_is_null(missing: Diagnosis) -> None:
+    """A parameter at its bound has no standard deviation; JSON has no NaN."""
+    (step,) = missing.steps
+    unsure = replace(step.fit, covariance=np.full_like(step.fit.covariance, np.nan))
+    data = replace(missing, steps=(replace(step, fit=unsure),)).to_dict()
+    assert data["steps"][0]["parameters"]["creep.c"]["std"] is None
+    json.dumps(data, allow_nan=False)
+
+
+def test_words(missing: Diagnosis, complete: Diagnosis, unexplained: Diagnosis) -> None:
+    assert str(missing).startswith("Missing: creep. The error falls from ")
+    assert "+ creep" in str(missing)
+    assert str(complete).startswith("Complete: the residual of ")
+    assert "noise as far as this record can tell" in str(complete)
+    assert str(unexplained).startswith("Unexplained: ")
+    assert "repeat the drive at least twice" in str(missing)
+
+
+def test_a_freed_exponent_is_told_with_the_error_that_is_left() -> None:
+    blank = measured(STILL, TIME, rich(TIME))
+    values = {**fitted(STILL, blank).values, "bouc_wen.n": 1.6}
+    reading = po.simulate(STILL, blank, values).reading
+    noise = NOISE * np.random.default_rng(1).normal(size=TIME.size)
+    found = diagnose(fitted(STILL, blank.with_(position=reading + noise)), advise=False)
+    assert found.refined == ("bouc_wen.n",)
+    assert found.verdict == "complete"
+    assert found.final.rms == pytest.approx(NOISE, rel=0.05)
+    first = str(found).splitlines()[0]
+    assert "bouc_wen.n" in first
+    assert po.quantity(first.split("residual of ")[1].split(",")[0], "m") == pytest.approx(
+        found.final.rms, rel=1e-3
+    )
+
+
+def test_scores_alone(creeping: po.Fit) -> None:
+    suspects = diagnose(creeping, ladder=False)
+    assert suspects.verdict == "open"
+    assert suspects.steps == ()
+    assert suspects.final is creeping
+    assert suspects.best().name == "creep"
+    assert str(suspects).startswith("Scores at the fit")
+    richer = po.solve(
+        po.Identification(creeping.model + suspects.best(), creeping.records[0]), start=creeping
+    )
+    assert richer.rms == pytest.approx(NOISE, rel=0.05)
+
+
+def test_another_record_judges(creeping: po.Fit) -> None:
+    test = measured(STILL, TIME, triangle(TIME, 1.0), CREEP, seed=5, name="other day")
+    found = diagnose(creeping, test=test, advise=False)
+    assert "'other day'" in found.held_out
+    assert [s.name for s in found.steps] == ["creep"]
+    assert found.steps[0].held_out_after == pytest.approx(NOISE, rel=0.1)
+    assert found.steps[0].fit.residuals.size == TIME.size
+
+
+@final
+@dataclass(frozen=True)
+class Fringes(Effect):
+    """The user's own form of an interferometer's error.
+
+    y = x + a sin(2 pi x / pitch)
+    """
+
+    place = Place.OUTPUT
+    a = Parameter("m", "amplitude", nominal=0.0, bounds=(-1e-6, 1e-6), null=0.0)
+    pitch = Parameter("m", "pitch", nominal=316.4e-9, bounds=(1e-8, 1e-5), fixed=True)
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """The reading and its periodic error."""
+        from piezo_opt.symbolic import sin
+
+        seen = chain.incoming.value
+        return Equations(gives=seen + p.a * sin(2.0 * np.pi * seen / p.pitch))
+
+
+@final
+@dataclass(frozen=True)
+class Broken(Effect):
+    """A user's effect that raises."""
+
+    place = Place.OUTPUT
+    a = Parameter("m", "amplitude", nominal=0.0, bounds=(-1e-6, 1e-6), null=0.0)
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """Raises."""
+        raise RuntimeError("the dog ate it")
+
+
+def test_the_users_own_effects_compete(unexplained: Diagnosis) -> None:
+    found = diagnose(
+        unexplained.fit,
+        candidates=[Broken, Fringes()],
+        withhold=("sensor_nonlinearity", "mains_pickup"),
+    )
+    assert found.steps[0].name == "fringes"
+    assert found.verdict == "missing"
+    assert found.final.values["fringes.a"] == pytest.approx(5e-8, rel=0.05)
+    (failed,) = (u for u in found.unscored if u.name == "broken")
+    assert failed.why.startswith(f"{__file__}, line ")
+    assert "RuntimeError: the dog ate it" in failed.why
+    assert "the dog ate it" in str(found)
+
+
+def test_progress_is_told(creeping: po.Fit) -> None:
+    said: list[str] = []
+    diagnose(creeping, advise=False, progress=said.append)
+    assert said[0] == "scoring every absent effect"
+    assert "accepted creep" in said
+    assert not any("drives" in s for s in said)
+
+
+def test_answers_repeat(creeping: po.Fit, missing: Diagnosis) -> None:
+    again = diagnose(creeping, threads=1)
+    assert again.to_dict() == missing.to_dict()
