@@ -86,6 +86,8 @@ def readable(chain: Entering, place: Place) -> tuple[Quantity, ...]:
     for quantity in chain.trajectory.signals:
         if quantity is Quantity.SINCE_REVERSAL:
             continue  # no signal of the chain
+        if place is Place.INPUT and quantity is Quantity.DRIVE_RATE:
+            continue  # it jumps at every sample, and the loop would not follow the jumps
         term = Term((Factor(quantity, Shape.LINEAR, 1.0),))
         try:
             assemble(chain.fit.model + Formula(place, (term,), (1.0,), 0.0).as_effect())

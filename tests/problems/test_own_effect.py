@@ -6,11 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from problems import own_effect
 
 import piezo_opt as po
 from piezo_opt.diagnosis import Unexplained, unexplained
 from piezo_opt.diagnosis.noise import noise_floor
+from problems import own_effect
 
 
 @cache
