@@ -80,7 +80,7 @@ def rungs(diagnosis: Diagnosis) -> tuple[Rung, ...]:
 
 
 def _same(one: float, other: float) -> bool:
-    return bool(np.isclose(one, other, rtol=1e-6))
+    return bool(np.isclose(one, other, rtol=1e-6, atol=0.0))
 
 
 def ladder(diagnosis: Diagnosis) -> Figure | None:

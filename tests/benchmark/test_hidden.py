@@ -1,0 +1,176 @@
+"""The hidden-effect bench: it judges as it says, it can be resumed, and it can fail."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from piezo_opt.benchmark import hidden
+from piezo_opt.benchmark.hidden import HiddenTable, Judged, hidden_bench
+from piezo_opt.benchmark.plants import CLASSES
+from piezo_opt.errors import InputError
+
+
+def said(*effects: str, steps: tuple[str, ...] = (), verdict: str = "missing") -> Judged:
+    """A record with these effects hidden, and an answer that takes each step for itself."""
+    return Judged(
+        "+".join(effects) or "none",
+        effects,
+        0,
+        verdict=verdict,
+        steps=steps,
+        groups=tuple((step,) for step in steps),
+        final=1.0,
+        held_out=1.02,
+    )
+
+
+@pytest.mark.parametrize(
+    ("row", "right"),
+    [
+        (said("creep", steps=("creep",)), True),
+        (said("creep", steps=("drift",)), False),
+        (said("creep", steps=("creep", "drift")), False),
+        (said("creep", verdict="complete"), False),
+        (said("delay", steps=("sensor_lag",)), True),
+        (said("delay", steps=("slew_limit",)), False),
+        (said(verdict="complete"), True),
+        (said(verdict="unexplained"), False),
+        (said(steps=("creep",)), False),
+        (said("creep", "delay", steps=("amplifier_lag", "creep")), True),
+        (said("creep", "delay", steps=("creep",)), False),
+        (said("creep", "delay", steps=("creep", "delay", "drift")), False),
+        (said("stick_events", verdict="unexplained"), True),
+        (said("stick_events", steps=("friction",), verdict="unexplained"), True),
+        (said("stick_events", steps=("friction",)), False),
+        (dataclasses.replace(said(verdict="complete"), error="broken"), False),
+    ],
+)
+def test_right_is_what_is_asked(row: Judged, right: bool) -> None:
+    assert row.right is right
+
+
+def test_the_group_counts_where_the_member_is_wrong() -> None:
+    row = dataclasses.replace(said("drift", steps=("creep",)), groups=(("creep", "drift"),))
+    assert row.group_right
+    assert not row.member_right
+    assert not said("drift", steps=("creep",)).group_right
+
+
+def test_shares_and_confusion_count_what_was_said() -> None:
+    table = HiddenTable(
+        "standard",
+        (
+            said("creep", steps=("creep",)),
+            said("creep", steps=("drift",)),
+            dataclasses.replace(said("creep", steps=("creep",)), error="Traceback\nKeyError: 1"),
+            said(verdict="complete"),
+            said("stick_events", steps=("friction",)),
+        ),
+    )
+    assert table.confusion == {
+        "creep": {"creep": 1, "drift": 1, "failed": 1},
+        "none": {"complete": 1},
+        "stick_events": {"friction": 1},
+    }
+    # What failed counts against it everywhere.
+    assert table.shares["one hidden: its group first"] == (1, 3)
+    assert table.shares["one hidden: no second accepted"] == (2, 3)
+    assert table.shares["nothing hidden: complete"] == (1, 1)
+    assert table.shares["outside: no effect completes it"] == (0, 1)
+    assert not any(name.startswith("two") for name in table.shares)
+    assert table.over_noise == (1.0, 1.02)
+    text = str(table)
+    assert "failed: creep, seed 0: KeyError: 1" in text
+    assert "33.3 %  (1 of 3)" in text
+
+
+@pytest.fixture(scope="module")
+def small() -> HiddenTable:
+    """One record each of four classes, half as long as usual."""
+    classes = ["none", "sensor_nonlinearity", "mains_pickup", "stick_events"]
+    return hidden_bench(classes, 1, samples=4000)
+
+
+def test_a_small_bench_is_right(small: HiddenTable) -> None:
+    assert [row.label for row in small.rows] == [
+        "none", "sensor_nonlinearity", "mains_pickup", "stick_events",
+    ]  # fmt: skip
+    assert [row.error for row in small.rows] == [""] * 4
+    assert [row.right for row in small.rows] == [True] * 4
+    fitted, held_out = small.over_noise
+    assert 0.95 < fitted < 1.05
+    assert 0.95 < held_out < 1.05
+    for row in small.rows[1:]:
+        assert row.baseline > 2.5, f"{row.label}: nothing to find"
+
+
+def test_it_is_seeded_and_resumes_from_its_log(tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    counts: list[tuple[int, int]] = []
+    first = hidden_bench(["none"], 1, samples=1000, log=log)
+    with log.open("a") as file:
+        file.write('{"label": "none", "eff')  # a run that was killed while it wrote
+    with ThreadPoolExecutor(1) as pool:
+        second = hidden_bench(
+            ["none"], 2, samples=1000, log=log, executor=pool,
+            progress=lambda done, of: counts.append((done, of)),
+        )  # fmt: skip
+    # The first record is not done again: not even its times have changed.
+    assert second.rows[0] == first.rows[0]
+    assert counts == [(2, 2)]
+    assert [row.seed for row in second.rows] == [0, 1]
+    third = hidden_bench(["none"], 1, samples=1000, log=log)
+    assert third.rows == first.rows
+    again = hidden_bench(["none"], 1, samples=1000)
+    assert again.rows[0].final == pytest.approx(first.rows[0].final, rel=1e-9)
+    with pytest.raises(InputError, match="no log of this bench"):
+        hidden_bench(["none"], 1, level="hard", samples=1000, log=log)
+    data = json.loads(json.dumps(second.to_dict()))
+    assert data["records"] == 2
+    assert data["rows"][1]["right"] is second.rows[1].right
+
+
+def test_a_record_that_breaks_is_counted_and_does_not_end_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def breaks(*_: object, **__: object) -> None:
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr(hidden, "diagnose", breaks)
+    table = hidden_bench(["none"], 2, samples=1000)
+    assert len(table.rows) == 2
+    assert table.shares["nothing hidden: complete"] == (0, 2)
+    assert table.to_dict()["failed"] == 2
+    assert "SVD did not converge" in str(table)
+
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(hidden, "diagnose", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        hidden_bench(["none"], 1, samples=1000)
+
+
+def test_pairs_differ_from_seed_to_seed_and_do_not_count_as_one() -> None:
+    pairs = [next(hidden._pairs(seed)) for seed in range(40)]
+    assert len(set(pairs)) > 30
+    for first, second in pairs:
+        assert first in CLASSES
+        assert second in CLASSES
+        assert not {first, second} <= hidden.POOLED
+    assert next(hidden._pairs(3)) == pairs[3]
+
+
+def test_bad_questions_are_refused() -> None:
+    with pytest.raises(InputError, match="no class 'crepe'"):
+        hidden_bench(["creep+crepe"], 1)
+    with pytest.raises(InputError, match="at least one"):
+        hidden_bench(["none"], 0)
+    with pytest.raises(InputError, match="at least one"):
+        hidden_bench([], 1)

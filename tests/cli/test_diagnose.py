@@ -1,0 +1,254 @@
+"""``piezo-opt diagnose`` and ``piezo-opt bench`` as a user meets them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from piezo_opt import datasets
+from piezo_opt.cli import app
+from piezo_opt.cli.candidates import read_candidates
+from piezo_opt.errors import InputError
+from piezo_opt.readers import write
+from problems import hidden_effect
+
+LOOP = str(datasets.path("thesis/hysteresis.csv"))
+HEAD = """
+from dataclasses import dataclass
+from typing import Any, final
+from piezo_opt.effects import Creep, Effect
+from piezo_opt.effects.base import Chain, Equations, Parameter, Place
+
+
+class Shared(Effect):
+    place = Place.STRAIN
+    k = Parameter("m/V^3", "strength", nominal=0.0, null=0.0, typical=(1e-13, 1e-12))
+"""
+CUBE = """
+@final
+@dataclass(frozen=True)
+class CubedDrive(Effect):
+    place = Place.STRAIN
+    k = Parameter("m/V^3", "strength", nominal=0.0, null=0.0, typical=(1e-13, 1e-12))
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        return Equations(gives=p.k * chain.drive.value**3)
+"""
+RAISES = """
+@final
+@dataclass(frozen=True)
+class Clumsy(Effect):
+    place = Place.STRAIN
+    k = Parameter("m/V", "strength", nominal=0.0, null=0.0, typical=(1e-9, 1e-8))
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        return Equations(gives=p.k * chain.voltage.value)
+"""
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(one) for one in arguments])
+
+
+def refused(result: Result, *words: str) -> None:
+    """One sentence on stderr, exit code 2, nothing else."""
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert "Traceback" not in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    for word in words:
+        assert word in result.stderr
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The creeping stack: a file to fit, and one to judge on."""
+    folder = tmp_path_factory.mktemp("records")
+    train, test = hidden_effect.data().split(hidden_effect.SPLIT)
+    write(train, folder / "train.csv")
+    # A record of its own: its clock starts anew.
+    write(test.with_(time=test.time - test.time[0]), folder / "test.csv")
+    return folder / "train.csv", folder / "test.csv"
+
+
+@pytest.fixture
+def loop(tmp_path: Path) -> Path:
+    """The thesis' loop as quick as it gets: virgin, without mechanics."""
+    file = tmp_path / "plain.toml"
+    file.write_text('effects = ["piezo_gain", "bouc_wen"]\n')
+    return file
+
+
+def test_names_what_is_missing_and_writes_it_down(parts: tuple[Path, Path], tmp_path: Path) -> None:
+    train, test = parts
+    out, page = tmp_path / "diagnosis.json", tmp_path / "diagnosis.html"
+    done = run("diagnose", train, "--test", test, "--json", out, "--report", page)
+    assert done.exit_code == 0, done.output
+    assert done.stderr == ""
+    assert done.stdout.startswith("Missing: creep. The error falls from 45.7 nm to 14.4")
+    data = json.loads(out.read_text())
+    assert data["schema"] == "piezo_opt/diagnosis/1"
+    assert data["verdict"] == "missing"
+    assert data["unexplained"] is None
+    noise = hidden_effect.noise_rms()
+    assert data["noise_rms"] == pytest.approx(noise, rel=0.1)
+    assert data["rms_baseline"] == pytest.approx(3.17 * noise, rel=0.05)
+    assert data["rms_final"] == pytest.approx(noise, rel=0.05)
+    (step,) = data["steps"]
+    assert step["effect"] == "creep"
+    assert step["group"] == ["creep"]
+    assert step["rms_before"] == data["rms_baseline"]
+    assert step["rms_after"] == data["rms_final"]
+    assert step["held_out_before"] > 2.0 * noise
+    assert step["held_out_after"] == pytest.approx(noise, rel=0.05)
+    assert step["delta_bic"] > 1000.0
+    assert step["p_value"] < 1e-6
+    assert step["parameters"]["creep.c"]["value"] > 5.0 * step["parameters"]["creep.c"]["std"]
+    first = data["suspects"][0]
+    assert first["effect"] == "creep"
+    assert set(first) == {
+        "effect", "score", "predicted_rms", "visibility", "overlaps", "p_value",
+    }  # fmt: skip
+    assert 0.85 < first["score"] < 0.95
+    assert all(0.0 <= s["visibility"] <= 1.0 for s in data["suspects"])
+    assert any("repeat the drive" in sentence for sentence in data["advice"])
+    assert "Diagnosis: missing" in page.read_text(encoding="utf-8")
+
+
+def test_withheld_effects_are_not_considered(parts: tuple[Path, Path], tmp_path: Path) -> None:
+    out = tmp_path / "d.json"
+    done = run("diagnose", parts[0], "--split", "20 s", "--withhold", "creep", "--json", out)
+    assert done.exit_code == 0, done.output
+    data = json.loads(out.read_text())
+    assert "creep" not in {s["effect"] for s in data["suspects"]}
+    assert "creep" not in {s["effect"] for s in data["steps"]}
+    # A poorer name for it may be offered, but not as the whole explanation.
+    assert data["verdict"] != "complete"
+    assert data["rms_final"] > 1.05 * hidden_effect.noise_rms()
+    refused(run("diagnose", LOOP, "--withhold", "crepe"), "crepe", "creep")
+
+
+def test_effects_of_the_user_are_scored_and_one_that_raises_is_reported(
+    tmp_path: Path, loop: Path
+) -> None:
+    file, out = tmp_path / "mine.py", tmp_path / "d.json"
+    file.write_text(HEAD + RAISES + CUBE)
+    done = run(
+        *("diagnose", LOOP, "--model", loop, "--start", "rest"),
+        *("--candidates", file, "--json", out),
+    )
+    assert done.exit_code == 0, done.output
+    data = json.loads(out.read_text())
+    assert "cubed_drive" in {s["effect"] for s in data["suspects"]}
+    # Imported effects and unfinished ones are not the file's own.
+    assert "shared" not in {s["effect"] for s in data["suspects"]}
+    (told,) = [u for u in data["unscored"] if u["effect"] == "clumsy"]
+    line = (HEAD + RAISES).splitlines().index(
+        "        return Equations(gives=p.k * chain.voltage.value)"
+    ) + 1
+    assert f"{file}, line {line}: AttributeError" in told["why"]
+    assert f"{file}, line {line}" in done.stdout
+
+
+def test_a_candidates_file_that_raises_ends_with_its_own_line(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(f"{HEAD}\nratio = 1 / 0\n")
+    line = HEAD.count("\n") + 2
+    refused(run("diagnose", LOOP, "--candidates", file), f"line {line}: ZeroDivisionError")
+    file.write_text("class Broken(:\n")
+    refused(run("diagnose", LOOP, "--candidates", file), "line 1: SyntaxError")
+    file.write_text(HEAD.replace("place = Place.STRAIN", "pass"))
+    refused(run("diagnose", LOOP, "--candidates", file), "line 8: ModelError", "no place")
+    file.write_text("x = 1\n")
+    refused(run("diagnose", LOOP, "--candidates", file), "no effect")
+    refused(run("diagnose", LOOP, "--candidates", tmp_path / "no.py"), "no such file")
+
+
+def test_candidates_that_cannot_be_made_leave_the_others(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    picky = CUBE.replace("CubedDrive", "Picky").replace(
+        "    place", "    order: int = 0\n    place"
+    ) + (
+        "\n    def __post_init__(self) -> None:\n"
+        "        raise ValueError('order must be positive')\n"
+    )  # fmt: skip
+    structural = CUBE.replace("CubedDrive", "Base").replace(
+        "    place", "    structural = True\n    place"
+    )
+    file.write_text(HEAD + picky + structural + CUBE)
+    found = read_candidates(file)
+    assert [effect.name for effect in found.effects] == ["cubed_drive"]
+    first, second = found.remarks
+    assert "Picky" in first
+    assert "ValueError: order must be positive" in first
+    assert f"line {(HEAD + picky).count(chr(10))}" in first
+    assert "Base" in second
+    assert "no gate" in second
+    text = tmp_path / "mine.txt"
+    text.write_text(CUBE)
+    with pytest.raises(InputError, match=r"end with \.py"):
+        read_candidates(text)
+
+
+def test_drives_are_written_only_where_there_is_a_folder(tmp_path: Path, loop: Path) -> None:
+    refused(run("diagnose", LOOP, "--drives", tmp_path / "no"), "--drives", "no such folder")
+    folder = tmp_path / "drives"
+    folder.mkdir()
+    done = run(
+        "diagnose", LOOP, "--model", loop, "--start", "rest", "--drives", folder, "--withhold",
+        "drift",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    files = sorted(folder.iterdir())
+    assert files
+    for file in files:
+        assert f"Drive: {file}" in done.stdout
+        said, header, *_ = file.read_text().splitlines()
+        assert said.removeprefix("# ") in done.stdout
+        assert header.startswith("time [s],")
+        time, volts = np.loadtxt(file, delimiter=",", skiprows=2).T
+        # As fast as the record was read, and within the drive that it had.
+        assert np.diff(time) == pytest.approx(1.0)
+        assert volts.min() >= 0.0
+        assert volts.max() == pytest.approx(125.0)
+
+
+def test_outputs_are_checked_before_any_work(tmp_path: Path) -> None:
+    out = tmp_path / "precious.json"
+    out.write_text("precious")
+    refused(run("diagnose", LOOP, "--json", out), "exists already")
+    refused(run("diagnose", LOOP, "--test", LOOP, "--split", "30 s"), "--test and --split")
+    other = tmp_path / "other.csv"
+    other.write_text(Path(LOOP).read_text().replace("hysteresis", "other"))
+    refused(run("diagnose", LOOP, other, "--split", "30 s"), "--split takes one record")
+    refused(run("diagnose", tmp_path / "nowhere.csv"), "no such file")
+    refused(run("bench", "hidden", "--json", out), "exists already")
+    refused(run("bench", "hidden", "--classes", "crepe"), "no class 'crepe'")
+    assert out.read_text() == "precious"
+
+
+def test_help_has_examples() -> None:
+    front = run("--help")
+    for words in (("diagnose",), ("bench", "hidden")):
+        assert words[0] in front.stdout
+        page = run(*words, "--help")
+        assert page.exit_code == 0
+        assert f"  piezo-opt {' '.join(words)}" in page.stdout
+
+
+def test_bench_hidden_prints_and_writes(tmp_path: Path) -> None:
+    out = tmp_path / "hidden.json"
+    done = run(
+        *("bench", "hidden", "--classes", "none", "--seeds", 1, "--samples", 1000),
+        *("--first-seed", 1, "--json", out),
+    )
+    assert done.exit_code == 0, done.output
+    assert "nothing hidden: complete" in done.stdout
+    data = json.loads(out.read_text())
+    assert data["schema"] == "piezo_opt/hidden/1"
+    assert data["confusion"] == {"none": {"complete": 1}}
+    assert data["rows"][0]["seed"] == 1

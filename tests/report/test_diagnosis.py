@@ -1,0 +1,142 @@
+"""The chapter of a diagnosis: its ladder, its order, its words."""
+
+from __future__ import annotations
+
+import dataclasses
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import piezo_opt as po
+from piezo_opt.diagnosis import Diagnosis
+from piezo_opt.diagnosis.structure import Structure
+from piezo_opt.report import chapter, diagnosis_figures, write_report
+from piezo_opt.report.page import Heading, Lead, Picture
+from problems import hidden_effect, thesis_diagnosis
+
+
+@pytest.fixture(scope="module")
+def creeping() -> Diagnosis:
+    """The creeping stack: one effect is missing, with data held out."""
+    _, test = hidden_effect.data().split(hidden_effect.SPLIT)
+    return po.diagnose(po.solve(hidden_effect.question()), test=test, advise=False)
+
+
+@pytest.fixture(scope="module")
+def loop() -> Diagnosis:
+    """The thesis' loop: a group, nothing held out, a drive advised."""
+    return po.diagnose(po.solve(thesis_diagnosis.question()))
+
+
+def test_rungs_are_the_errors_of_the_steps(creeping: Diagnosis) -> None:
+    (step,) = creeping.steps
+    first, second = diagnosis_figures.rungs(creeping)
+    assert (first.label, second.label) == ("baseline", "+ creep")
+    assert (first.train, second.train) == (step.rms_before, step.rms_after)
+    assert (first.held_out, second.held_out) == (step.held_out_before, step.held_out_after)
+
+
+def test_what_is_no_effect_is_a_rung_of_its_own(creeping: Diagnosis) -> None:
+    (step,) = creeping.steps
+    later = dataclasses.replace(
+        step, name="drift", rms_before=0.8 * step.rms_after, rms_after=0.7 * step.rms_after
+    )
+    two = dataclasses.replace(creeping, steps=(step, later), refined=("bouc_wen.n",))
+    labels = [rung.label for rung in diagnosis_figures.rungs(two)]
+    assert labels == ["baseline", "+ creep", "n free", "+ drift", "n free"]
+    none = dataclasses.replace(creeping, steps=())
+    assert diagnosis_figures.rungs(none) == ()
+    assert diagnosis_figures.ladder(none) is None
+
+
+def test_the_ladder_is_drawn_down_to_the_noise(creeping: Diagnosis) -> None:
+    drawn = diagnosis_figures.ladder(creeping)
+    assert drawn is not None
+    (axis,) = drawn.axes
+    lines = {line.get_label(): np.asarray(line.get_ydata()) for line in axis.get_lines()}
+    (step,) = creeping.steps
+    nano = 1e9 * np.array([step.rms_before, step.rms_after])
+    assert lines["fitted data"] == pytest.approx(nano)
+    assert lines["noise floor, estimated"] == pytest.approx(1e9 * creeping.noise.rms)
+    low, high = axis.get_ylim()
+    assert low < 1e9 * creeping.noise.low < 1e9 * creeping.noise.high < high
+    held = [step.held_out_before, step.held_out_after]
+    assert lines["held-out data"] == pytest.approx(1e9 * np.array(held, dtype=float))
+
+
+def test_suspects_are_bars_of_what_they_explain(creeping: Diagnosis) -> None:
+    drawn = diagnosis_figures.suspects(creeping)
+    assert drawn is not None
+    left, right = drawn.axes
+    widths = [patch.get_width() for patch in left.patches]
+    assert widths == pytest.approx([100.0 * s.score for s in creeping.suspects[: len(widths)]])
+    assert next(t.get_text() for t in left.get_yticklabels()) == "creep"
+    seen = [patch.get_width() for patch in right.patches]
+    assert seen == pytest.approx([100.0 * s.visibility for s in creeping.suspects[: len(seen)]])
+
+
+def test_the_zoom_shows_where_the_error_is_largest() -> None:
+    error = np.full(1000, 1e-9)
+    error[700:720] = 1e-6
+    part = diagnosis_figures.window(error)
+    assert part.stop - part.start == 40
+    assert part.start <= 700 < 720 <= part.stop
+    assert diagnosis_figures.window(error[:7]) == slice(0, 7)
+
+
+@pytest.mark.parametrize(
+    ("share", "text"), [(1.0, "100 %"), (0.523, "52 %"), (0.0213, "2.1 %"), (0.0, "0 %")]
+)
+def test_percent(share: float, text: str) -> None:
+    assert diagnosis_figures.percent(share) == text
+
+
+def test_it_is_read_from_the_verdict_down(creeping: Diagnosis) -> None:
+    blocks = chapter(creeping)
+    titles = [b.text.partition(":")[0] for b in blocks if isinstance(b, Heading)]
+    wanted = [
+        "Diagnosis", "Measured and modelled", "Where it fails", "Which effect is missing",
+        "The ladder", "The final model", "What its numbers are", "What this record cannot tell",
+        "What to do next",
+    ]  # fmt: skip
+    assert [t for t in titles if t in wanted] == wanted
+    lead = next(b for b in blocks if isinstance(b, Lead))
+    assert lead.text == creeping.headline
+    assert lead.good
+    figures = [b.figure for b in blocks if isinstance(b, Picture)]
+    assert len(figures) >= 8
+    assert all(isinstance(figure, Figure) for figure in figures)
+
+
+def test_what_is_unexplained_is_said_and_not_named(creeping: Diagnosis) -> None:
+    clue = "The residual follows the drive: it correlates with the drive's cube."
+    left = dataclasses.replace(
+        creeping, verdict="unexplained", structure=Structure(True, (clue,)), unexplained=None
+    )
+    blocks = chapter(left)
+    lead = next(b for b in blocks if isinstance(b, Lead))
+    assert not lead.good
+    assert lead.text.startswith("Unexplained")
+    titles = [b.text for b in blocks if isinstance(b, Heading)]
+    assert "What no effect explains" in titles
+    assert "What no effect explains" not in [
+        b.text for b in chapter(creeping) if isinstance(b, Heading)
+    ]
+
+
+def test_a_page_of_the_thesis_loop(loop: Diagnosis, tmp_path: Path) -> None:
+    page = write_report(tmp_path / "loop.html", loop)
+    text = unescape(page.read_text(encoding="utf-8"))
+    assert loop.headline.replace("um", "µm") in text
+    rivals = ", ".join(loop.steps[0].group[1:])
+    assert f"creep and {rivals} explain it equally well" in text
+    # The drives that would split them are drawn.
+    assert loop.experiments
+    for experiment in loop.experiments:
+        assert experiment.sentence in text
+    for name in loop.final.names:
+        assert f"<td>{name}</td>" in text
+    assert "Not looked at: temperature" in text
