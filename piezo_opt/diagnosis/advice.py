@@ -6,7 +6,8 @@ unknown start. Two effects i, j are then
 
     sigmas = min over shapes and sizes of j of |phi_i S_perp_i - phi_j S_perp_j| / noise
 
-apart (and the other way round, the smaller of the two): how surely the new record will tell them
+apart (and the other way round, the smaller of the two; j's memory may start anywhere within its
+bounds, and what i's start could do is projected out): how surely the new record will tell them
 apart. phi_i is the size at which the effect explains what it explains on the fitted records. One
 effect alone shows with ``|phi S_perp| / noise`` sigmas.
 
@@ -18,7 +19,7 @@ fit).
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -27,6 +28,7 @@ from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from piezo_opt.diagnosis.base_point import BasePoint, Direction
 from piezo_opt.diagnosis.drives import Excitation, candidate_drives
@@ -36,9 +38,9 @@ from piezo_opt.effects.base import Effect, Parameter
 from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.identification import Fit, Start
 from piezo_opt.identification.problem import plain
-from piezo_opt.identification.unknowns import unknowns
+from piezo_opt.identification.unknowns import limits, unknowns
 from piezo_opt.measurement import Between, Measurement
-from piezo_opt.simulation import INITIAL, Initial, Simulator
+from piezo_opt.simulation import INITIAL, Initial, Simulator, Substeps
 from piezo_opt.units import show
 from piezo_opt.values import Values
 
@@ -491,8 +493,24 @@ def _typical(
         size = _middle(gate) - _null(gate)
         if size == 0.0:
             size = gate.scale
-        members[key] = _Member(effect, min(grid, key=distance), size, grid)
+        wide = (*grid, *_slower(effect, grid, point.question.campaign.records))
+        members[key] = _Member(effect, min(grid, key=distance), size, wide)
     return list(members.values())
+
+
+def _slower(
+    effect: Effect, grid: Sequence[Mapping[str, float]], records: tuple[Measurement, ...]
+) -> list[dict[str, float]]:
+    """Points beyond a grid of shapes: a refit may stretch a time constant past the record."""
+    found: list[dict[str, float]] = []
+    for name in grid[0]:
+        if effect.parameters[name].unit != "s":
+            continue
+        longest = max(shapes[name] for shapes in grid)
+        last = next(shapes for shapes in grid if shapes[name] == longest)
+        _, high = limits(effect.parameters[name], records)
+        found += [{**last, name: longest * k} for k in (3.0, 10.0) if longest * k <= 1.001 * high]
+    return found
 
 
 def _middle(parameter: Parameter) -> float:
@@ -534,51 +552,166 @@ def _separation(
     point: BasePoint, members: Sequence[_Member]
 ) -> tuple[float, tuple[str, str]] | None:
     """Smallest distance [m] between what one member does and the best another can do."""
-    columns: list[list[Direction]] = []
+    able: list[list[_Able]] = []
     for member in members:
         found = point.directions(member.effect, [member.shapes, *member.grid])
         if not found or found[0].shapes != dict(member.shapes):
             return None
-        columns.append(found)
+        able.append([_Able(d, _starts(point, member, d.shapes)) for d in found])
     least: tuple[float, tuple[str, str]] | None = None
     for i, one in enumerate(members):
-        does = one.size * columns[i][0].projected
+        does = one.size * able[i][0].direction.projected
+        free = _complement(able[i][0].starts)
         for j, other in enumerate(members):
             if one.effect.name == other.effect.name:
                 continue
-            apart = _distance(does, other.effect, columns[j])
+            apart = _distance(free(does), other.effect, able[j], free)
             if least is None or apart < least[0]:
                 least = apart, (one.effect.name, other.effect.name)
     return least
 
 
-def _distance(target: FloatArray, effect: Effect, directions: Sequence[Direction]) -> float:
-    """From a signal to the nearest that an effect can make of it, any size and shape [m].
+@final
+@dataclass(frozen=True, eq=False)
+class _Able:
+    """What an effect can do with one set of shapes, for a gate of one.
+
+    Attributes:
+        direction: by its gate, from rest.
+        starts: what its memory adds when it starts at its farthest, each element by itself.
+    """
+
+    direction: Direction
+    starts: tuple[FloatArray, ...]
+
+    def corners(self) -> list[FloatArray]:
+        """The gate's column for every start at its farthest: all it can do lies between them."""
+        columns = [self.direction.projected]
+        for start in self.starts:
+            columns = [c + way * start for c in columns for way in (1.0, -1.0)]
+        return columns
+
+
+def _starts(
+    point: BasePoint, member: _Member, shapes: Mapping[str, float]
+) -> tuple[FloatArray, ...]:
+    """What a member's memory adds from its farthest start, for a gate of one, projected."""
+    effect, question = member.effect, point.question
+    if not any(state.remanent for state in effect.declared_states.values()):
+        return ()
+    model = question.model + effect
+    name = model.names[-1]
+    gate = f"{name}.{effect.gate}"
+    found: list[FloatArray] = []
+    before = 0
+    for index, record in enumerate(question.campaign.records):
+        after = before + int(record.counted.sum())
+        numbers = {
+            **{f"{name}.{k}": p.nominal for k, p in effect.parameters.items()},
+            **point.fit.values.of_record(index),
+            **{f"{name}.{k}": v for k, v in {**member.assumed(), **shapes}.items()},
+        }
+        alone = replace(question.with_model(model), records=record, weights=())
+        reach = {
+            u.local: u.high
+            for u in unknowns(alone, Values(numbers)).members
+            if u.local.startswith(f"{INITIAL}{name}.")
+        }
+        if reach:
+            substeps = point.fit.accuracy[index].substeps
+            quickest = min(
+                (v for k, v in shapes.items() if effect.parameters[k].unit == "s"), default=np.inf
+            )
+            simulator = Simulator(
+                model,
+                record,
+                numbers,
+                directions=tuple(reach),
+                runtime=question.free,
+                substeps=Substeps(min(substeps.longest, quickest), substeps.largest_move),
+            )
+            slopes = simulator.with_sensitivities(numbers)[1][record.counted]
+            open_by = numbers[gate] - _null(_gate(effect))
+            for column, far in zip(slopes.T, reach.values(), strict=True):
+                whole = np.zeros(point.samples)
+                whole[before:after] = column * far / open_by
+                if np.isfinite(whole).all():
+                    found.append(point.project(whole))
+        before = after
+    return tuple(found)
+
+
+def _complement(columns: Sequence[FloatArray]) -> Callable[[FloatArray], FloatArray]:
+    """The projection of (M,) onto what these columns cannot do."""
+    if not columns:
+        return lambda column: column
+    long = [c / np.linalg.norm(c) for c in columns if np.any(c)]
+    u, strength, _ = np.linalg.svd(np.column_stack(long), full_matrices=False)
+    basis = u[:, strength > 1e-6]
+    return lambda column: np.asarray(column - basis @ (basis.T @ column))
+
+
+def _distance(
+    target: FloatArray,
+    effect: Effect,
+    able: Sequence[_Able],
+    free: Callable[[FloatArray], FloatArray],
+) -> float:
+    """From a signal to the nearest that an effect can make of it, any size, shape, start [m].
 
     Shapes between two neighbours of the grid act like a sum of both with one sign.
+
+    Args:
+        target: (M,) the signal.
+        effect: the effect.
+        able: what it can do, shape by shape.
+        free: a projection under which all is compared; ``target`` has been through it.
     """
-    matrix = np.column_stack([d.projected for d in directions])
+    parts = [[free(c) for c in one.corners()] for one in able]
+    matrix = np.column_stack([c for part in parts for c in part])
+    ends = np.cumsum([0, *map(len, parts)])
     gram, along = matrix.T @ matrix, matrix.T @ target
-    total = float(target @ target)
+
+    def explained(*shapes: int, either: bool = False) -> float:
+        members = np.concatenate([np.arange(ends[a], ends[a + 1]) for a in shapes])
+        own, reached = gram[np.ix_(members, members)], along[members]
+        found = 0.0
+        if either:
+            return _plane(own, reached)
+        for way in (1.0, -1.0):
+            if _allowed(effect, way):
+                found = max(found, _cone(own, way * reached))
+        return found
+
     best = 0.0
-    for a in range(len(directions)):
-        if gram[a, a] <= 0.0:
-            continue
-        if _allowed(effect, float(along[a])):
-            best = max(best, float(along[a] ** 2 / gram[a, a]))
-        for b in range(a):
-            if not _neighbours(effect, directions[a].shapes, directions[b].shapes):
-                continue
-            pair = np.array([a, b])
-            own = gram[np.ix_(pair, pair)]
-            if np.linalg.det(own) <= 1e-12 * own[0, 0] * own[1, 1]:
-                continue
-            sizes = np.linalg.solve(own, along[pair])
-            angles = _angular(effect, directions[a].shapes, directions[b].shapes)
-            same = sizes[0] * sizes[1] >= 0.0 and _allowed(effect, float(sizes.sum()))
-            if same or angles:
-                best = max(best, float(along[pair] @ sizes))
-    return float(np.sqrt(max(0.0, total - best)))
+    for a, one in enumerate(able):
+        best = max(best, explained(a))
+        for b, other in enumerate(able[:a]):
+            shapes = one.direction.shapes, other.direction.shapes
+            if _neighbours(effect, *shapes):
+                best = max(best, explained(a, b, either=_angular(effect, *shapes)))
+    return float(np.sqrt(max(0.0, float(target @ target) - best)))
+
+
+def _cone(gram: FloatArray, along: FloatArray) -> float:
+    """Most of a signal's power that a sum of columns with no negative factor explains [m^2]."""
+    root, reached = _root(gram, along)
+    factors, _ = optimize.nnls(root, reached)
+    return float(2.0 * factors @ along - factors @ gram @ factors)
+
+
+def _plane(gram: FloatArray, along: FloatArray) -> float:
+    """The same with factors of any sign."""
+    _, reached = _root(gram, along)
+    return float(reached @ reached)
+
+
+def _root(gram: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A small matrix and vector with the same least squares problem as (M, k) columns."""
+    strength, vectors = np.linalg.eigh(gram)
+    kept = strength > 1e-12 * max(float(strength[-1]), 1e-300)
+    root = np.sqrt(strength[kept])
+    return root[:, None] * vectors[:, kept].T, (vectors[:, kept].T @ along) / root
 
 
 def _differing(one: Mapping[str, float], other: Mapping[str, float]) -> list[str]:

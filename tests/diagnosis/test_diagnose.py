@@ -17,7 +17,7 @@ from piezo_opt.errors import ModelError
 from tests.diagnosis.plants import NOISE, STILL, clock, fitted, measured, rich, triangle
 
 TIME = clock()
-CREEP = Creep(elements=1), {"c": 0.02, "tau": 0.1}
+CREEP = Creep(elements=1), {"c": 0.02, "tau": 0.5}
 FRINGES = SensorNonlinearity(), {"a": 5e-8}
 KEYS = {
     "schema", "verdict", "noise_rms", "rms_baseline", "rms_final", "steps", "suspects",
