@@ -104,8 +104,8 @@ def test_a_small_bench_is_right(small: HiddenTable) -> None:
     assert [row.error for row in small.rows] == [""] * 4
     assert [row.right for row in small.rows] == [True] * 4
     fitted, held_out = small.over_noise
-    assert 0.95 < fitted < 1.05
-    assert 0.95 < held_out < 1.05
+    assert 0.95 < fitted < 1.1
+    assert 0.95 < held_out < 1.1
     for row in small.rows[1:]:
         assert row.baseline > 2.5, f"{row.label}: nothing to find"
 
