@@ -19,6 +19,9 @@ from piezo_opt.simulation import Initial, Simulator, Substeps
 
 FloatArray = NDArray[np.float64]
 
+_ROUGH = 1e-3
+"""Error of the scheme, as a share of the reading's range, in the directions of absent effects."""
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,11 @@ class BasePoint:
         self._objective = Objective(self.question, self._unknowns, theta, Monitor(fit.names))
         for simulator, accuracy in zip(self._objective.simulators, fit.accuracy, strict=True):
             simulator.accuracy = accuracy
+        # A direction need not be as sharp as the residual that it is held against.
+        self._rough = [
+            simulator.choose(self._unknowns.of_record(index, theta), _ROUGH).substeps
+            for index, simulator in enumerate(self._objective.simulators)
+        ]
         point = self._objective.linearised(theta)
         self._theta = theta
         m = self._objective.samples
@@ -122,7 +130,7 @@ class BasePoint:
                 if key not in simulators:
                     simulators[key] = []
                 if len(simulators[key]) <= index:
-                    base = self.fit.accuracy[index].substeps
+                    base = self._rough[index]
                     simulators[key].append(
                         Simulator(
                             model,

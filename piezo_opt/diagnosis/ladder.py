@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import final
@@ -16,7 +16,13 @@ from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, effective_samples, score
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Effect
-from piezo_opt.identification import Fit, LevenbergMarquardt, solve
+from piezo_opt.identification import (
+    Fit,
+    Identification,
+    LevenbergMarquardt,
+    SingleShooting,
+    solve,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -34,6 +40,10 @@ _TELLING = 0.02
 _ALIKE = 0.9
 """Cosine at the foot from which two effects are the same physics in two shapes."""
 _SHORTLIST = 6
+_FIRST, _LATER = 10, 30
+"""Iterations of a refit before and after it is decided which are worth following."""
+_RACE = 1.5
+"""Error over the best rival's beyond which a refit is out of the race."""
 _MOST_ROUNDS = 7
 
 
@@ -254,20 +264,40 @@ def refit(fit: Fit, suspect: Suspect, iterations: int = 40) -> Fit:
         **{f"{name}.{k}": v for k, v in suspect.shapes.items()},
         f"{name}.{suspect.effect.gate}": size,
     }
-    question = fit.question.with_model(model)
-    return solve(question, start=start, solver=LevenbergMarquardt(iterations=iterations))
+    return _solved(fit.question.with_model(model), start, iterations)
+
+
+def _solved(question: Identification, start: Mapping[str, float], iterations: int) -> Fit:
+    """A fit good enough to compare models by."""
+    return solve(
+        question,
+        start=start,
+        solver=LevenbergMarquardt(iterations=iterations, tolerance=1e-6),
+        transcription=SingleShooting(refine=False),
+    )
 
 
 def _refits(fit: Fit, short: Sequence[Suspect], threads: int) -> list[_Rung]:
     def one(suspect: Suspect) -> _Rung | None:
         try:
-            richer = refit(fit, suspect)
+            richer = refit(fit, suspect, _FIRST)
         except (ArithmeticError, ValueError):
             return None
         return _Rung(suspect, richer, bic_gain(fit, richer))
 
+    def further(rung: _Rung) -> _Rung:
+        richer = _solved(rung.fit.question, rung.fit.values, _LATER)
+        return replace(rung, fit=richer, delta_bic=bic_gain(fit, richer))
+
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        return [rung for rung in pool.map(one, short) if rung is not None]
+        rungs = [rung for rung in pool.map(one, short) if rung is not None]
+        if not rungs:
+            return []
+        # Only those that are still in the race are followed to their end.
+        near = _RACE * min(r.fit.rms for r in rungs)
+        ended = [r for r in rungs if r.fit.rms > near or r.fit.outcome.success]
+        running = [r for r in rungs if r.fit.rms <= near and not r.fit.outcome.success]
+        return [*ended, *pool.map(further, running)]
 
 
 def _refinements(fit: Fit) -> list[_Rung]:
@@ -280,7 +310,7 @@ def _refinements(fit: Fit) -> list[_Rung]:
             if exponent and full not in fit.question.free and full not in fit.question.fixed:
                 question = replace(fit.question, free=(*fit.question.free, full))
                 start = {**fit.values, full: parameter.nominal + 0.05}
-                richer = solve(question, start=start, solver=LevenbergMarquardt(iterations=40))
+                richer = _solved(question, start, _FIRST + _LATER)
                 rungs.append(_Rung(None, richer, bic_gain(fit, richer)))
     return rungs
 
@@ -308,11 +338,7 @@ def _prune(fit: Fit, steps: list[Step]) -> tuple[Fit, list[Step], list[str]]:
         name = next((n for n, e in fit.model if e is step.effect or n == step.name), None)
         if name is None:
             continue
-        poorer = solve(
-            fit.question.with_model(fit.model.without(name)),
-            start=fit.values,
-            solver=LevenbergMarquardt(iterations=40),
-        )
+        poorer = _solved(fit.question.with_model(fit.model.without(name)), fit.values, _LATER)
         if bic_gain(poorer, fit) < 0.5 * STRONG:
             fit = poorer
             kept.remove(step)

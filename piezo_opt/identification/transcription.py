@@ -44,7 +44,14 @@ class SingleShooting:
 
     The default: the problem stays as small as the number of unknowns, and least-squares solvers
     use the compiled sensitivities. Best for stable models and smooth costs.
+
+    Args:
+        refine: whether sub-steps are chosen anew at the solution, and the fit repeated where
+            they had been too coarse; without it the scheme may bias what a long record knows
+            very well (a resonance), which does not matter for a comparison of models.
     """
+
+    refine: bool = True
 
     @property
     def name(self) -> str:
@@ -69,7 +76,7 @@ class SingleShooting:
         taken = cast(ResidualSolver, chosen)
         objective = Objective(question, unknowns, start, monitor)
         solution = taken.minimise(objective, start)
-        if objective.refine(solution.theta):
+        if self.refine and objective.refine(solution.theta):
             # Sub-steps that were enough at the start are not at the solution: once more.
             solution = taken.minimise(objective, solution.theta)
         return replace(solution, accuracy=objective.accuracy)
