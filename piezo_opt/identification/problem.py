@@ -115,15 +115,15 @@ class Identification:
     def __post_init__(self) -> None:
         campaign = Campaign.of(self.records)
         object.__setattr__(self, "records", campaign)
-        known = self.model.parameters
         for what, names in (
             ("values", self.values), ("fixed", self.fixed), ("free", self.free),
             ("bounds", self.bounds), ("priors", self.priors), ("per_record", self.per_record),
         ):  # fmt: skip
             for name in names:
-                if plain(name) not in known and not name.startswith("initial."):
+                if _unit(self.model, name) is None:
                     raise ModelError(
-                        f"{what}: the model has no parameter '{name}'; it has {', '.join(known)}."
+                        f"{what}: the model has no parameter '{name}'; it has "
+                        f"{', '.join((*self.model.parameters, *_starts(self.model)))}."
                     )
         for mapping in ("values", "fixed"):
             given = {k: self._number(k, v) for k, v in getattr(self, mapping).items()}
@@ -140,7 +140,8 @@ class Identification:
             )
         if self.noise is not None and not self.noise > 0:
             raise InputError(f"noise is {self.noise}; give a positive length in metres.")
-        if self.weights and (len(self.weights) != len(campaign.records) or min(self.weights) <= 0):
+        positive = all(0.0 < w < np.inf for w in self.weights)
+        if self.weights and (len(self.weights) != len(campaign.records) or not positive):
             raise InputError(
                 f"weights {self.weights}: give one positive number for each of the "
                 f"{len(campaign.records)} records."
@@ -154,10 +155,11 @@ class Identification:
                     )
 
     def _number(self, name: str, value: float | str) -> float:
-        declared = self.model.parameters.get(plain(name))
-        if declared is not None and isinstance(value, str):
-            return quantity(value, declared.unit)
-        return float(value)
+        unit = _unit(self.model, name)
+        number = quantity(value, unit) if isinstance(value, str) and unit else float(value)
+        if not np.isfinite(number):
+            raise InputError(f"The value of '{name}' is {number}; give a finite number.")
+        return number
 
     def given(self) -> dict[str, float]:
         """Start values that the user gave, in SI units."""
@@ -177,10 +179,9 @@ class Identification:
 
     def with_model(self, model: Model) -> Identification:
         """The same question to another model; what it does not have is dropped."""
-        known = model.parameters
 
         def kept(name: str) -> bool:
-            return plain(name) in known or name.startswith("initial.")
+            return _unit(model, name) is not None
 
         return replace(
             self,
@@ -201,8 +202,7 @@ class Identification:
 
     def starting_at(self, values: Values | Mapping[str, float]) -> Identification:
         """The same question with these start values (names that it lacks are left out)."""
-        known = self.model.parameters
-        usable = {k: v for k, v in values.items() if plain(k) in known or k.startswith("initial.")}
+        usable = {k: v for k, v in values.items() if _unit(self.model, k) is not None}
         return replace(self, values={**self.values, **usable})
 
 
@@ -210,3 +210,20 @@ def plain(name: str) -> str:
     """Name of a parameter without its record's number: ``"offset.y0[1]" -> "offset.y0"``."""
     head, bracket, _ = name.partition("[")
     return head if bracket and not name.startswith("initial.") else name
+
+
+def _starts(model: Model) -> dict[str, str]:
+    """Names of the states' initial deviations, and their units; elements not numbered."""
+    return {
+        f"initial.{effect}.{state}": declared.declared_states[state].unit
+        for effect, declared in model
+        for state in declared.states
+    }
+
+
+def _unit(model: Model, name: str) -> str | None:
+    """SI unit of a parameter or an initial deviation; None where the model has no such name."""
+    if name.startswith("initial."):
+        return _starts(model).get(name.partition("[")[0])
+    declared = model.parameters.get(plain(name))
+    return None if declared is None else declared.unit

@@ -161,8 +161,10 @@ def blind_spots(
         told.update(names[usable[i]] for i in component.members)
         sentences.append(component.sentence([names[usable[i]] for i in component.members]))
     correlation = _correlation(seen)
-    for a in range(len(usable)):
-        for b in range(a + 1, len(usable)):
+    # A column that the nuisances explain wholly leaves rounding, whose angles say nothing.
+    own = [a for a, k in enumerate(usable) if np.linalg.norm(seen[:, a]) > 1e-7 * norms[k]]
+    for place, a in enumerate(own):
+        for b in own[place + 1 :]:
             one, two = names[usable[a]], names[usable[b]]
             if abs(correlation[a, b]) > 0.98 and not {one, two} <= told:
                 does = "cancel" if correlation[a, b] > 0 else "add up"

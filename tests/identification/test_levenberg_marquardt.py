@@ -1,0 +1,196 @@
+"""The default solver, on problems whose answers are known by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, cast, final
+
+import numpy as np
+import pytest
+
+import piezo_opt as po
+from piezo_opt.identification import Ending
+from piezo_opt.identification.monitor import Monitor
+from piezo_opt.identification.objective import Linearised, Objective
+from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
+from piezo_opt.identification.unknowns import Unknown, Unknowns
+from piezo_opt.measurement import FloatArray
+from tests.identification.truth import LINE, loops, objective_of
+
+TIME, DRIVE = loops(200)
+D, Y0 = "piezo_gain.d", "offset.y0"
+
+
+@final
+@dataclass
+class Valley:
+    """Rosenbrock's function as residuals: 10 (y - x^2), 1 - x. Zero at (1, 1)."""
+
+    low: float = -10.0
+
+    def __post_init__(self) -> None:
+        self.unknowns = Unknowns(
+            (
+                Unknown("x", "x", None, 1.0, self.low, 10.0, None),
+                Unknown("y", "y", None, 1.0, -10.0, 10.0, None),
+            ),
+            po.Values({}),
+            1,
+        )
+        self.monitor = Monitor(self.unknowns.names)
+
+    def residual(self, theta: FloatArray) -> FloatArray:
+        return np.array([10.0 * (theta[1] - theta[0] ** 2), 1.0 - theta[0]])
+
+    def linearised(self, theta: FloatArray) -> Linearised:
+        return Linearised(self.residual(theta), np.array([[-20.0 * theta[0], 10.0], [-1.0, 0.0]]))
+
+    def robust(self, point: Linearised) -> Linearised:
+        return point
+
+    def cost(self, residual: FloatArray) -> float:
+        return 0.5 * float(residual @ residual)
+
+    def rms(self, residual: FloatArray) -> float:
+        return float(np.sqrt(np.mean(residual**2)))
+
+
+def descended(valley: Valley, **choices: Any) -> tuple[FloatArray, Ending, str]:
+    solver = LevenbergMarquardt(**choices)
+    solution = solver.minimise(cast(Objective, valley), np.array([-1.2, 1.0]))
+    return solution.theta, solution.ending, solution.sentence
+
+
+def test_the_end_of_a_zero_residual_problem_is_quadratic() -> None:
+    valley = Valley()
+    theta, ending, _ = descended(valley)
+    assert ending is Ending.CONVERGED
+    np.testing.assert_allclose(theta, 1.0, atol=1e-10)
+    error = np.linalg.norm(valley.monitor.trace.values - 1.0, axis=1)
+    near = np.flatnonzero((error < 0.3) & (error > 1e-5))
+    # Digits double: e' <= C e^2 once near, up to the damping that is left (below 1e-6).
+    for k in near:
+        assert error[k + 1] < 20.0 * error[k] ** 2 + 1e-5 * error[k]
+    assert error.size < 30
+
+
+def test_the_cost_never_rises() -> None:
+    valley = Valley()
+    descended(valley)
+    assert np.all(np.diff(valley.monitor.trace.rms) < 0)
+
+
+def test_bounds_hold_at_every_iterate_and_the_minimum_on_them_is_found() -> None:
+    valley = Valley(low=-10.0)
+    valley.unknowns = Unknowns(
+        (
+            Unknown("x", "x", None, 1.0, -10.0, 0.5, None),
+            Unknown("y", "y", None, 1.0, -10.0, 10.0, None),
+        ),
+        po.Values({}),
+        1,
+    )
+    theta, ending, _ = descended(valley)
+    assert ending is Ending.CONVERGED
+    # With x at most 0.5 the first residual can still be made 0, by y = x^2.
+    np.testing.assert_allclose(theta, [0.5, 0.25], atol=1e-6)
+    assert theta[0] == 0.5
+    assert valley.monitor.trace.values[:, 0].max() <= 0.5
+
+
+def test_the_limit_of_iterations_says_how_to_go_on() -> None:
+    valley = Valley()
+    theta, ending, sentence = descended(valley, iterations=3)
+    assert ending is Ending.LIMIT
+    assert "after 3 iterations" in sentence
+    assert "start=fit" in sentence
+    assert valley.monitor.trace.rms.size == 4
+    np.testing.assert_array_equal(theta, valley.monitor.best)
+
+
+def test_a_start_without_a_finite_simulation_fails_with_the_remedy() -> None:
+    valley = Valley()
+    solution = LevenbergMarquardt().minimise(cast(Objective, valley), np.array([np.nan, 1.0]))
+    assert solution.ending is Ending.FAILED
+    assert "values={...}" in solution.sentence
+
+
+def line(noise: FloatArray | float = 0.0, name: str = "record") -> po.Measurement:
+    return po.Measurement(TIME, DRIVE, 1e-7 * DRIVE + 3e-7 + noise, name=name)
+
+
+def solved(
+    question: po.Identification, start: Mapping[str, float] | None = None
+) -> dict[str, float]:
+    objective, theta = objective_of(question, start or {})
+    found = LevenbergMarquardt(tolerance=1e-14).minimise(objective, theta).theta
+    return dict(zip(objective.unknowns.names, found.tolist(), strict=True))
+
+
+def white(seed: int, size: float) -> FloatArray:
+    return np.asarray(size * np.random.default_rng(seed).normal(size=TIME.size))
+
+
+def test_a_linear_problem_is_the_normal_equations() -> None:
+    record = line(white(0, 1e-8))
+    found = solved(po.Identification(LINE, record))
+    d, y0 = np.polyfit(DRIVE, record.position, 1)
+    assert found == pytest.approx({D: d, Y0: y0}, rel=1e-9)
+
+
+def test_a_prior_pulls_as_computed_by_hand() -> None:
+    record, noise = line(white(1, 1e-8)), 1e-8
+    prior = po.Prior(1.002e-7, 4e-11)
+    found = solved(po.Identification(LINE, record, priors={D: prior}, noise=noise))
+    j = np.column_stack([DRIVE, np.ones_like(DRIVE)])
+    normal = j.T @ j / noise**2 + np.diag([1.0 / prior.std**2, 0.0])
+    right = j.T @ record.position / noise**2 + np.array([prior.mean / prior.std**2, 0.0])
+    d, y0 = np.linalg.solve(normal, right)
+    assert found == pytest.approx({D: d, Y0: y0}, rel=1e-8)
+    free = solved(po.Identification(LINE, record))
+    # The prior is as sharp as the record: the answer lies well between the two.
+    assert 0.2 < (found[D] - free[D]) / (prior.mean - free[D]) < 0.8
+
+
+def test_weights_weigh_squares() -> None:
+    steep = po.Measurement(TIME, DRIVE, 2e-7 * DRIVE, name="steep")
+    flat = po.Measurement(TIME, DRIVE, 1e-7 * DRIVE, name="flat")
+    question = po.Identification(LINE, [steep, flat], weights=(3.0, 1.0), fixed={"offset.y0": 0.0})
+    found = solved(question)
+    assert found[D] == pytest.approx((3.0 * 2e-7 + 1e-7) / 4.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("shape", [po.Shape.SOFT_L1, po.Shape.HUBER, po.Shape.CAUCHY])
+def test_a_robust_loss_shrugs_off_outliers(shape: po.Shape) -> None:
+    noise = white(2, 1e-9)
+    # 2 % of the samples, all to one side, where they tilt the line most.
+    top = np.argsort(DRIVE)[-4:]
+    noise[top] += 5e-6
+    record = line(noise)
+    plain = solved(po.Identification(LINE, record))
+    robust = solved(po.Identification(LINE, record, loss=po.Loss(shape, 3e-9)))
+    assert abs(plain[D] - 1e-7) > 5e-10
+    assert abs(robust[D] - 1e-7) < 0.1 * abs(plain[D] - 1e-7)
+
+
+def test_a_robust_minimum_is_where_its_cost_is_flat() -> None:
+    noise = white(3, 1e-8)
+    noise[::25] += 3e-7
+    loss = po.Loss(po.Shape.HUBER, 2e-8)
+    objective, theta = objective_of(po.Identification(LINE, line(noise), loss=loss), {})
+    found = LevenbergMarquardt(tolerance=1e-13).minimise(objective, theta).theta
+    best = objective.cost(objective.residual(found))
+    # Huber's cost by hand: r^2/2 inside, scale (|r| - scale/2) outside.
+    r = np.abs(objective.residual(found))
+    by_hand = np.where(r <= 2e-8, 0.5 * r**2, 2e-8 * (r - 1e-8)).sum()
+    assert best == pytest.approx(by_hand, rel=1e-12)
+    for step in ([1e-12, 0.0], [-1e-12, 0.0], [0.0, 1e-10], [0.0, -1e-10]):
+        assert objective.cost(objective.residual(found + np.array(step))) > best
+
+
+def test_the_gain_stops_at_its_bound_and_the_offset_follows() -> None:
+    record = line()
+    found = solved(po.Identification(LINE, record, bounds={D: (0.0, 0.8e-7)}), {D: 0.5e-7})
+    assert found[D] == 0.8e-7
+    assert found[Y0] == pytest.approx(3e-7 + 0.2e-7 * DRIVE.mean(), rel=1e-6)
