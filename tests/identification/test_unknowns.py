@@ -1,0 +1,141 @@
+"""Which numbers are estimated, between which bounds, and how they reach each record."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import piezo_opt as po
+from piezo_opt.effects import AmplifierLag, BoucWen, Creep, Drift, Offset, PiezoGain
+from piezo_opt.identification.unknowns import Unknowns, falls, limits, theta_of, unknowns
+from tests.identification.truth import MOVING, STILL, TRUTH, loops, record
+
+TIME, DRIVE = loops(200)
+RECORD = po.Measurement(TIME, DRIVE, 1e-7 * DRIVE)
+PAIR = (RECORD.rename("one"), RECORD.rename("two"))
+
+
+def listed(question: po.Identification) -> Unknowns:
+    return unknowns(question, po.Values.nominal(question.model))
+
+
+def test_one_record_has_plain_names_and_its_memory_is_unknown() -> None:
+    found = listed(po.Identification(STILL, RECORD))
+    assert found.names == (
+        "piezo_gain.d", "bouc_wen.alpha", "bouc_wen.beta", "bouc_wen.gamma", "offset.y0",
+        "initial.bouc_wen.h",
+    )  # fmt: skip
+    assert dict(found.kept) == {"bouc_wen.n": 1.0, "bouc_wen.h_s": 1e-6}
+
+
+def test_a_virgin_start_leaves_no_memory_to_estimate() -> None:
+    found = listed(po.Identification(MOVING, RECORD, start=po.Start.REST))
+    assert not [n for n in found.names if n.startswith("initial.")]
+
+
+def test_every_state_that_keeps_a_memory_is_an_unknown_within_half_a_stroke() -> None:
+    found = listed(po.Identification(MOVING + Creep(elements=2), RECORD))
+    starts = {m.name: m for m in found.members if m.name.startswith("initial.")}
+    assert set(starts) == {
+        "initial.bouc_wen.h", "initial.second_order.x", "initial.second_order.w",
+        "initial.creep.z[0]", "initial.creep.z[1]",
+    }  # fmt: skip
+    stroke = float(np.ptp(RECORD.position))
+    assert starts["initial.bouc_wen.h"].high == pytest.approx(0.5 * stroke)
+    assert starts["initial.creep.z[1]"].low == pytest.approx(-0.5 * stroke)
+
+
+def test_a_campaign_numbers_what_each_record_has_of_its_own() -> None:
+    question = po.Identification(STILL, PAIR, per_record=("bouc_wen.beta",))
+    found = listed(question)
+    assert found.names == (
+        "piezo_gain.d", "bouc_wen.alpha", "bouc_wen.beta[0]", "bouc_wen.beta[1]",
+        "bouc_wen.gamma", "offset.y0[0]", "offset.y0[1]",
+        "initial.bouc_wen.h[0]", "initial.bouc_wen.h[1]",
+    )  # fmt: skip
+    theta = np.arange(9.0)
+    one, two = found.of_record(0, theta), found.of_record(1, theta)
+    assert [one[n] for n in ("bouc_wen.beta", "offset.y0", "initial.bouc_wen.h")] == [2, 5, 7]
+    assert [two[n] for n in ("bouc_wen.beta", "offset.y0", "initial.bouc_wen.h")] == [3, 6, 8]
+    assert one["piezo_gain.d"] == two["piezo_gain.d"] == 0.0
+    assert found.columns(1) == [0, 1, 3, 4, 6, 8]
+
+
+def test_a_start_reaches_numbered_unknowns_by_its_plain_name() -> None:
+    found = listed(po.Identification(STILL, PAIR))
+    theta = theta_of(found, {**TRUTH, "offset.y0[1]": 5e-7})
+    start = dict(zip(found.names, theta, strict=True))
+    assert start["offset.y0[0]"] == TRUTH["offset.y0"]
+    assert start["offset.y0[1]"] == 5e-7
+    assert start["initial.bouc_wen.h[0]"] == 0.0
+
+
+def test_one_record_may_be_fixed_alone() -> None:
+    found = listed(po.Identification(STILL, PAIR, fixed={"offset.y0[1]": 3e-7}))
+    assert "offset.y0[0]" in found.names
+    assert "offset.y0[1]" not in found.names
+    assert found.of_record(1, np.zeros(len(found.members)))["offset.y0"] == 3e-7
+
+
+def test_fixed_and_freed() -> None:
+    question = po.Identification(
+        STILL, RECORD, fixed={"bouc_wen.gamma": "0 1/V"}, free=("bouc_wen.n",),
+        values={"bouc_wen.h_s": 2e-6},
+    )  # fmt: skip
+    found = listed(question)
+    assert "bouc_wen.n" in found.names
+    assert dict(found.kept) == {"bouc_wen.gamma": 0.0, "bouc_wen.h_s": 2e-6}
+
+
+def test_bounds_of_the_user_stand_and_starts_are_clipped_into_them() -> None:
+    question = po.Identification(
+        STILL, PAIR, bounds={"piezo_gain.d": (1e-8, 2e-8), "offset.y0[1]": (0.0, 1e-9)}
+    )
+    found = listed(question)
+    member = {m.name: (m.low, m.high) for m in found.members}
+    assert member["piezo_gain.d"] == (1e-8, 2e-8)
+    assert member["offset.y0[1]"] == (0.0, 1e-9)
+    assert member["offset.y0[0]"] == (-1.0, 1.0)
+    assert theta_of(found, TRUTH)[0] == 2e-8
+
+
+def test_times_lie_between_a_tenth_of_a_step_and_three_durations() -> None:
+    lag = AmplifierLag().parameters["tau"]
+    low, high = limits(lag, (RECORD,))
+    assert low == pytest.approx(max(lag.bounds[0], 0.1 * RECORD.step))
+    assert high == pytest.approx(min(lag.bounds[1], 3.0 * RECORD.duration))
+    slow = po.Measurement(100.0 * TIME, DRIVE, 1e-7 * DRIVE)
+    creep = Creep().parameters["tau"]
+    assert limits(creep, (slow,)) == pytest.approx((0.1, 3.0 * 199.0))
+
+
+def test_a_natural_frequency_lies_within_what_sampling_and_duration_hold() -> None:
+    omega = MOVING["second_order"].parameters["omega"]
+    low, high = limits(omega, (RECORD,))
+    assert high == pytest.approx(2 * np.pi * 0.45 * 100.0)
+    assert low == pytest.approx(2 * np.pi / (4 * 1.99))
+    # The best of several records counts.
+    fast = po.Measurement(TIME / 10, DRIVE, 1e-7 * DRIVE)
+    assert limits(omega, (RECORD, fast))[1] == pytest.approx(2 * np.pi * 450.0)
+
+
+def test_a_mirrored_sensor_mirrors_one_sided_strokes_only() -> None:
+    mirrored = po.Measurement(TIME, DRIVE, -1e-7 * DRIVE)
+    assert falls(mirrored)
+    assert not falls(RECORD)
+    alpha, d = BoucWen().parameters["alpha"], PiezoGain().parameters["d"]
+    assert limits(alpha, (mirrored,)) == (-alpha.bounds[1], 0.0)
+    assert limits(alpha, (RECORD,)) == alpha.bounds
+    assert limits(d, (mirrored,)) == d.bounds
+
+
+def test_other_units_keep_their_declared_bounds() -> None:
+    for effect, name in ((Drift(), "rate"), (Offset(), "y0"), (BoucWen(), "gamma")):
+        parameter = effect.parameters[name]
+        assert limits(parameter, (RECORD,)) == parameter.bounds
+
+
+def test_a_mirrored_actuator_is_fitted() -> None:
+    truth = {**TRUTH, "piezo_gain.d": -1.2e-7, "bouc_wen.alpha": -4e-8}
+    fit = po.solve(po.Identification(STILL, record(STILL, truth, TIME, DRIVE)))
+    assert {n: fit.values[n] for n in truth} == pytest.approx(truth, rel=1e-3)
