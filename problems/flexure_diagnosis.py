@@ -6,11 +6,12 @@ Ask which effect is missing, and judge on the next 20 s.
 What comes out. Two effects are accepted, both on data that were not fitted. The first is a lag of
 some kind: at one frequency the relaxation of the loop (rate dependence), a lag of amplifier or
 sensor, and a delay are the same thing, and the answer is that group; the name that leads it is
-chance. The second bends the loop (asymmetry, a quadratic gain, a curved calibration: again a
-group). Together they bring the error from 0.466 um to 0.087 um, and on the held-out half from 0.472
-um to 0.152 um; that the second falls less says that a slow part of it moved between the halves. It
-stays above the noise (about 0.058 um), so the verdict is "unexplained": something is left that no
-effect of the catalogue explains, and no name is put on it.
+chance. The second bends the loop (asymmetry, or a curved calibration): again a group, and chance
+which one leads. Together they bring the error from 0.466 um to 0.087 um, and on the held-out half
+from 0.472 um to 0.13 um with the one, 0.15 um with the other; that it falls less far there says
+that something moved slowly between the halves. It stays above the noise (about 0.058 um), so the
+verdict is "unexplained": something is left that no effect of the catalogue explains, and no name
+is put on it.
 
 What it would take: a staircase. It splits lag, delay and relaxation, which this record separates by
 a fraction of its noise.
@@ -45,7 +46,7 @@ def known() -> Mapping[str, float]:
         "rms": 0.466e-6,
         "rms after": 0.087e-6,
         "held out": 0.472e-6,
-        "held out after": 0.152e-6,
+        "held out after": 0.14e-6,
     }
 
 
@@ -55,7 +56,7 @@ def tolerance() -> Mapping[str, float]:
         "rms": 0.002e-6,
         "rms after": 0.005e-6,
         "held out": 0.005e-6,
-        "held out after": 0.01e-6,
+        "held out after": 0.025e-6,
     }
 
 
