@@ -158,7 +158,7 @@ def advise(
     if len(names) < 2:
         raise InputError(f"Nothing to tell apart in ({', '.join(names)}): name two effects.")
     _check_noise(noise)
-    here = BasePoint(fit)
+    here = BasePoint(fit, sharp=True)
     members = _sized(here, group)
     offered = _offered(fit, drives, duration)
     rate = fit.records[0].rate
@@ -219,7 +219,7 @@ def reveal(
         InputError: the noise is not positive.
     """
     _check_noise(noise)
-    here = BasePoint(fit)
+    here = BasePoint(fit, sharp=True)
     hidden: list[tuple[_Member, float]] = []
     for member in _typical(here, effects):
         seen = _visible(here, member)
@@ -422,7 +422,7 @@ def _at(fit: Fit, drive: Excitation, rate: float) -> BasePoint | None:
             accuracy=(simulator.accuracy,),
             starts=(),
         )
-        return BasePoint(played)
+        return BasePoint(played, sharp=True)
     except (PiezoOptError, ArithmeticError, np.linalg.LinAlgError):
         return None
 

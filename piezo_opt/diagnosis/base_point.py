@@ -41,9 +41,14 @@ class Direction:
 
 @final
 class BasePoint:
-    """Residual, Jacobian and their projector at a fit; derivatives by absent gates."""
+    """Residual, Jacobian and their projector at a fit; derivatives by absent gates.
 
-    def __init__(self, fit: Fit) -> None:
+    Args:
+        fit: the fit.
+        sharp: derivatives by absent gates as exact as the fit itself, else to 0.1 %.
+    """
+
+    def __init__(self, fit: Fit, *, sharp: bool = False) -> None:
         self.fit = fit
         self.question = fit.question
         start = {**fit.values}
@@ -52,9 +57,12 @@ class BasePoint:
         self._objective = Objective(self.question, self._unknowns, theta, Monitor(fit.names))
         for simulator, accuracy in zip(self._objective.simulators, fit.accuracy, strict=True):
             simulator.accuracy = accuracy
-        # A direction need not be as sharp as the residual that it is held against.
-        self._rough = [
-            simulator.choose(self._unknowns.of_record(index, theta), _ROUGH).substeps
+        # A direction need not be as sharp as the residual that it is held against, unless it is
+        # to be told from what the fitted parameters do exactly.
+        self._substeps = [
+            fit.accuracy[index].substeps
+            if sharp
+            else simulator.choose(self._unknowns.of_record(index, theta), _ROUGH).substeps
             for index, simulator in enumerate(self._objective.simulators)
         ]
         point = self._objective.linearised(theta)
@@ -130,7 +138,7 @@ class BasePoint:
                 if key not in simulators:
                     simulators[key] = []
                 if len(simulators[key]) <= index:
-                    base = self._rough[index]
+                    base = self._substeps[index]
                     simulators[key].append(
                         Simulator(
                             model,
