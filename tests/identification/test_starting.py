@@ -1,0 +1,166 @@
+"""Starting values: found where nobody knows them, left alone where somebody does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import piezo_opt as po
+from piezo_opt.effects import Creep, SecondMode
+from piezo_opt.identification.monitor import Monitor
+from piezo_opt.identification.starting import starting_values, straight_line
+from piezo_opt.measurement import FloatArray
+from tests.identification.truth import LINE, MOVING, STILL, TRUTH, loops, objective_of, record
+
+RATE = 2000.0
+
+
+def steps(samples: int = 800) -> tuple[FloatArray, FloatArray]:
+    """Time and drive: a triangle and steps up and down, 0..60 V."""
+    time = np.arange(samples) / RATE
+    at = np.array([0, 0.15, 0.3, 0.301, 0.5, 0.501, 0.7, 0.701, 0.85, 0.851, 1.0]) * time[-1]
+    return time, np.interp(time, at, [0, 60, 0, 30, 30, 60, 60, 15, 15, 40, 40])
+
+
+def ringing(
+    hertz: float, zeta: float = 0.03, seed: int = 0
+) -> tuple[po.Measurement, dict[str, float]]:
+    truth = {**TRUTH, "second_order.omega": 2 * np.pi * hertz, "second_order.zeta": zeta}
+    return record(MOVING, truth, *steps(), noise=5e-9, seed=seed), truth
+
+
+@pytest.mark.parametrize("hertz", [25.0, 60.0, 140.0, 310.0, 640.0])
+def test_the_resonance_is_found_among_many_local_minima(hertz: float) -> None:
+    measured, truth = ringing(hertz)
+    fit = po.solve(po.Identification(MOVING, measured, start=po.Start.REST))
+    assert fit.rms < 1.1 * 5e-9
+    assert fit.values["second_order.omega"] == pytest.approx(truth["second_order.omega"], rel=2e-3)
+    assert fit.values["second_order.zeta"] == pytest.approx(0.03, rel=0.1)
+
+
+def shaken(hertz: float) -> tuple[po.Measurement, dict[str, float]]:
+    """A weakly damped resonance under a multisine: an alley of local minima to either side."""
+    time = np.arange(800) / RATE
+    lines = np.arange(10.0, 320.0, 10.0)
+    phases = np.random.default_rng(5).uniform(0.0, 2 * np.pi, lines.size)
+    waves = np.sin(2 * np.pi * np.outer(time, lines) + phases).sum(axis=1)
+    truth = {**TRUTH, "second_order.omega": 2 * np.pi * hertz, "second_order.zeta": 0.005}
+    drive = (30.0 + 3.0 * waves) * np.minimum(1.0, time / 0.02)
+    return record(MOVING, truth, time, drive, noise=5e-9), truth
+
+
+@pytest.mark.parametrize("hertz", [35.0, 80.0, 150.0, 270.0])
+def test_the_resonance_is_found_under_a_multisine(hertz: float) -> None:
+    measured, truth = shaken(hertz)
+    fit = po.solve(po.Identification(MOVING, measured, start=po.Start.REST))
+    assert fit.rms < 1.1 * 5e-9
+    assert fit.values["second_order.omega"] == pytest.approx(truth["second_order.omega"], rel=1e-4)
+
+
+@pytest.mark.parametrize("off", [0.2, 0.4])
+def test_there_are_local_minima_to_be_lost_in(off: float) -> None:
+    # Otherwise the tests above would ask nothing: a wrong start ends in a wrong minimum.
+    measured, truth = shaken(150.0)
+    wrong = {**truth, "second_order.omega": off * truth["second_order.omega"]}
+    fit = po.solve(po.Identification(MOVING, measured, start=po.Start.REST, values=wrong))
+    assert fit.rms > 1000 * 5e-9
+    assert abs(fit.values["second_order.omega"] / truth["second_order.omega"] - 1.0) > 0.3
+
+
+def test_a_start_given_by_the_user_is_where_the_solver_begins() -> None:
+    measured, truth = ringing(60.0)
+    own = {**truth, "second_order.omega": 500.0, "bouc_wen.beta": 0.11, "piezo_gain.d": 2e-7}
+    fit = po.solve(po.Identification(MOVING, measured, values=own))
+    begun = dict(zip(fit.trace.names, fit.trace.values[0], strict=True))
+    assert {n: begun[n] for n in own} == own
+
+
+def test_a_given_start_of_some_is_kept_while_the_others_are_found() -> None:
+    measured, truth = ringing(60.0)
+    question = po.Identification(
+        MOVING, measured, values={"second_order.zeta": 0.2, "bouc_wen.beta": 0.02}
+    )
+    found = starting_values(question, Monitor(()))
+    assert found["bouc_wen.beta"] == 0.02
+    assert found["second_order.zeta"] == 0.2
+    assert found["second_order.omega"] == pytest.approx(truth["second_order.omega"], rel=0.1)
+    assert found["piezo_gain.d"] == pytest.approx(truth["piezo_gain.d"], rel=0.5)
+
+
+def test_the_loop_is_found_whatever_its_width() -> None:
+    time, drive = loops(300)
+    for beta in (0.01, 0.05, 0.3):
+        truth = {**TRUTH, "bouc_wen.beta": beta, "bouc_wen.gamma": -0.2 * beta}
+        fit = po.solve(po.Identification(STILL, record(STILL, truth, time, drive, noise=2e-9)))
+        assert fit.rms < 1.1 * 2e-9
+        assert fit.values["bouc_wen.beta"] == pytest.approx(beta, rel=0.05)
+
+
+def test_a_line_needs_no_search() -> None:
+    time, drive = loops(50)
+    measured = po.Measurement(time, drive, 1.5e-7 * drive - 4e-7)
+    assert straight_line(measured) == pytest.approx((1.5e-7, -4e-7))
+    monitor = Monitor(())
+    found = starting_values(po.Identification(LINE, measured), monitor)
+    assert found["piezo_gain.d"] == pytest.approx(1.5e-7)
+    assert found["offset.y0"] == pytest.approx(-4e-7)
+    assert monitor.evaluations.total == 0
+
+
+def test_an_optional_effect_starts_away_from_its_null() -> None:
+    # At its null a gate hides its shapes: nothing could be fitted from there.
+    time, drive = steps()
+    truth = {**TRUTH, "creep.c": 0.06, "creep.tau": 0.03}
+    model = STILL + Creep(elements=1)
+    question = po.Identification(model, record(model, truth, time, drive, noise=2e-9))
+    start = starting_values(question, Monitor(()))
+    assert start["creep.c"] == pytest.approx(0.06, abs=0.03)
+    fit = po.solve(question)
+    assert fit.rms < 1.1 * 2e-9
+    for name in ("creep.c", "creep.tau"):
+        low, high = fit.interval(name, 0.999)
+        assert low < truth[name] < high
+
+
+def test_a_second_mode_is_found_by_what_the_first_leaves_over() -> None:
+    time, drive = steps()
+    model = LINE + SecondMode()
+    truth = {
+        "piezo_gain.d": 1.2e-7, "offset.y0": 0.0, "second_mode.g": 0.05,
+        "second_mode.omega": 2 * np.pi * 170.0, "second_mode.zeta": 0.02,
+    }  # fmt: skip
+    truth = {n: v for n, v in truth.items() if n in model.parameters}
+    assert len(truth) >= 4
+    fit = po.solve(po.Identification(model, record(model, truth, time, drive, noise=2e-9)))
+    assert fit.rms < 1.1 * 2e-9
+
+
+def in_motion() -> tuple[po.Measurement, po.Measurement]:
+    """A record cut in the middle of motion, without and with noise; and the states there."""
+    time, drive = loops(500)
+    whole = record(STILL, TRUTH, time, drive, noise=3e-9)
+    return whole, whole.slice(1.2, None)
+
+
+def test_the_remanent_start_is_estimated_and_lowers_the_misfit() -> None:
+    whole, cut = in_motion()
+    virgin = po.solve(po.Identification(STILL, cut, start=po.Start.REST))
+    free = po.solve(po.Identification(STILL, cut))
+    assert free.rms < 1.1 * 3e-9
+    assert virgin.rms > 3.0 * free.rms
+    states = po.simulate(STILL, whole, TRUTH, tolerance=1e-8)
+    h = states.states[np.searchsorted(whole.time, cut.time[0]), 0]
+    assert states.state_names[0] == "bouc_wen.h"
+    assert abs(h) > 1e-7
+    low, high = free.interval("initial.bouc_wen.h", 0.999)
+    assert low < h < high
+    assert high - low < 0.1 * abs(h)
+
+
+def test_the_search_hands_over_a_start_near_the_answer() -> None:
+    measured, _ = ringing(140.0)
+    question = po.Identification(MOVING, measured)
+    start = starting_values(question, Monitor(()))
+    objective, theta = objective_of(question, start)
+    spread = float(np.std(measured.position))
+    assert objective.rms(objective.residual(theta)) < 0.15 * spread
