@@ -14,6 +14,7 @@ from piezo_opt.identification import Fit, Start
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.shapes import shape_grid
+from piezo_opt.identification.tall import triangle
 from piezo_opt.identification.unknowns import theta_of, unknowns
 from piezo_opt.simulation import Initial, Simulator, Substeps
 
@@ -72,8 +73,10 @@ class BasePoint:
         scaled = (point.jacobian * self._unknowns.scale)[:m, free]
         norms = np.linalg.norm(scaled, axis=0)
         kept = norms > 1e-14 * norms.max(initial=0.0)
-        u, s, _ = np.linalg.svd(scaled[:, kept] / norms[kept], full_matrices=False)
-        self._basis = u[:, s > 1e-9 * s.max(initial=0.0)] if s.size else u
+        columns = scaled[:, kept] / norms[kept]
+        _, s, rows = np.linalg.svd(triangle(columns), full_matrices=False)
+        seen = s > 1e-9 * s.max(initial=0.0)
+        self._basis = columns @ (rows[seen].T / s[seen])
         self.residual = self.project(-point.residual[:m])
         """Measured minus modelled (M,), less what a Gauss-Newton step would still explain."""
 

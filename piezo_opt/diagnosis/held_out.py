@@ -17,6 +17,7 @@ FloatArray = NDArray[np.float64]
 SHARE = 0.3
 """Last part of a lone record that is held out and simulated through."""
 _TENTH = 0.9**2
+_UNSEEN = 0.1**2
 FEWEST = 300
 """Counted samples below which a record is too short to be parted."""
 
@@ -79,7 +80,8 @@ def rms(error: FloatArray | None) -> float | None:
 def agrees(before: FloatArray | None, after: FloatArray | None) -> bool:
     """Whether the held-out error fell by a tenth, or less but beyond chance (one-sided, 2.5 %).
 
-    With nothing held out there is nothing to disagree.
+    With nothing held out there is nothing to disagree; neither is there where the held-out
+    record cannot see the change (it moves the prediction by less than a tenth of the error).
 
         z = mean(e0^2 - e1^2) / sqrt(long-run variance / N) > 1.96
 
@@ -89,6 +91,8 @@ def agrees(before: FloatArray | None, after: FloatArray | None) -> bool:
         return True
     if not np.isfinite(after).all():
         return False
+    if float(np.mean((after - before) ** 2)) < _UNSEEN * float(np.mean(before**2)):
+        return True
     gain = before**2 - after**2
     mean = float(gain.mean())
     if mean <= 0:

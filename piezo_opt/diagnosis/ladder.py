@@ -39,6 +39,8 @@ _TELLING = 0.02
 """Score worth a refit when structure is left and no score is significant."""
 _ALIKE = 0.9
 """Cosine at the foot from which two effects are the same physics in two shapes."""
+_KIN = 0.6
+"""Cosine from which a suspect is refitted because it looks like a likely one."""
 _SHORTLIST = 6
 _FIRST, _LATER = 10, 30
 """Iterations of a refit before and after it is decided which are worth following."""
@@ -142,7 +144,7 @@ def climb(
         rungs = [r for r in _refinements(fit) if r.delta_bic > STRONG]
         if not likely and not rungs:
             break
-        short = _shortlist(likely) if likely else []
+        short = _shortlist(likely, now) if likely else []
         if short and not any(r.fit.rms <= 1.01 * short[0].predicted_rms for r in rungs):
             # No exponent of the base model alone does as well as the likeliest effect would.
             tell(f"refitting with {', '.join(s.name for s in short)}")
@@ -247,10 +249,22 @@ def _left(candidates: Sequence[Effect], fit: Fit) -> list[Effect]:
     return [e for e in candidates if e.name not in fit.model]
 
 
-def _shortlist(likely: Sequence[Suspect]) -> list[Suspect]:
-    """The best few, each by what it would explain."""
+def _shortlist(likely: Sequence[Suspect], everybody: Sequence[Suspect]) -> list[Suspect]:
+    """The best few, each by what it would explain, and their look-alikes.
+
+    A derivative at the null is a poor picture of a pure lag; whoever looks like a likely suspect
+    is refitted too.
+    """
     top = likely[0].score
-    return [s for s in likely if s.score > 0.1 * top][:_SHORTLIST]
+    short = [s for s in likely if s.score > 0.1 * top][:_SHORTLIST]
+    for suspect in everybody:
+        if len(short) >= _SHORTLIST + 2:
+            break
+        listed = suspect.wrong_side or any(s.name == suspect.name for s in short)
+        alike = any(abs(float(suspect.direction @ s.direction)) > _KIN for s in short[:3])
+        if alike and not listed:
+            short.append(suspect)
+    return short
 
 
 def refit(fit: Fit, suspect: Suspect, iterations: int = 40) -> Fit:
