@@ -32,12 +32,12 @@ FloatArray = NDArray[np.float64]
 @final
 @dataclass(frozen=True)
 class Collocation:
-    """States are polynomials over each sub-step and obey the equations at the collocation points.
+    """States are polynomials over every sub-step and obey the equations at the collocation points.
 
         sum_j C_ji x_j = h f(t + tau_i h, x_i),   x(end) = sum_j D_j x_j
 
-    The drive is a straight line within every sub-step, so no corner lies inside a polynomial. The
-    scheme is implicit: stiff models need no shorter steps.
+    The sub-steps are those of single shooting. The drive is a straight line within each, so none
+    of its corners lies inside a polynomial.
 
     Args:
         degree: number of collocation points in a sub-step.

@@ -116,11 +116,11 @@ class Horizon:
     groups: tuple[Group, ...]
 
     @staticmethod
-    def of(objective: Objective, theta: FloatArray) -> Horizon:
-        """Cut a question at start values."""
+    def of(objective: Objective, theta: FloatArray, from_record: bool = True) -> Horizon:
+        """Cut a question at start values; the position is guessed from the records or not."""
         records = objective.question.campaign.records
         stroke = max(float(np.ptp(r.position)) for r in records) or 1.0
-        parts = chains(objective, theta)
+        parts = chains(objective, theta, from_record)
         sizes = state_sizes(parts, objective.simulators[0].system.state_units, stroke)
         found: dict[tuple[int, tuple[str, ...]], Group] = {}
         for number, part in enumerate(parts):
@@ -327,8 +327,9 @@ def identify_by_program(
         monitor.iterate(at, rms if np.isfinite(rms) else float("inf"))
 
     solved = None
-    for _ in range(2):
-        program = transcribe(Horizon.of(objective, theta), taken.stagewise)
+    for again in (False, True):
+        # The second time the simulation is the better guess: it is all but the solution.
+        program = transcribe(Horizon.of(objective, theta, not again), taken.stagewise)
         solved = taken.solve(program, report)
         theta = _snapped(unknowns, solved.variables[program.unknowns] * scale)
         if not objective.refine(theta):

@@ -14,7 +14,7 @@ from piezo_opt.errors import ModelError
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.problem import Start
 from piezo_opt.measurement import Measurement
-from piezo_opt.simulation import INITIAL, Simulator
+from piezo_opt.simulation import INITIAL
 from piezo_opt.simulation.engine import engine
 from piezo_opt.simulation.schedule import Segment, corners, cycle, segments
 
@@ -48,8 +48,14 @@ class Chain:
     closed: bool
 
 
-def chains(objective: Objective, theta: FloatArray) -> tuple[Chain, ...]:
-    """The records of a question, cut into the sub-steps that its simulators chose."""
+def chains(objective: Objective, theta: FloatArray, from_record: bool) -> tuple[Chain, ...]:
+    """The records of a question, cut into the sub-steps that its simulators chose.
+
+    Args:
+        objective: the question by single shooting.
+        theta: SI values of the unknowns, from which the states are guessed.
+        from_record: whether the position is guessed from what the record reads.
+    """
     found: list[Chain] = []
     question = objective.question
     weights = question.weights or (1.0,) * len(objective.simulators)
@@ -65,16 +71,18 @@ def chains(objective: Objective, theta: FloatArray) -> tuple[Chain, ...]:
         if question.start_of(record) is Start.PERIODIC:
             parts.insert(0, (cycle(drive, float(record.period or 0.0)), True))
         for segment, closed in parts:
-            cut = _cut(segment, simulator)
+            count = simulator.accuracy.substeps.of(segment).astype(np.intp)
+            cut = _cut(segment, count)
             target, weight = np.zeros(cut.length.size), np.zeros(cut.length.size)
             if not closed:
                 at = segment.reading
-                ends = np.cumsum(simulator.accuracy.substeps.of(segment)) - 1
+                ends = np.cumsum(count) - 1
                 read = ends[at >= 0]
                 counted = objective.counted[i][at[at >= 0]]
                 target[read] = np.where(counted, record.position[at[at >= 0]], 0.0)
                 weight[read] = np.where(counted, float(np.sqrt(weights[i])), 0.0)
-            states = _guess(system, cut, p, numbers, record)
+            stroke = float(np.ptp(record.position)) or 1.0
+            states = _guess(system, cut, p, numbers, record if from_record else None, stroke)
             found.append(Chain(i, cut, target, weight, states, closed))
     return tuple(found)
 
@@ -94,9 +102,8 @@ def _delay(system: System, objective: Objective, index: int, p: FloatArray) -> f
     return float(system.delay(p))
 
 
-def _cut(segment: Segment, simulator: Simulator) -> Segment:
+def _cut(segment: Segment, count: IntArray) -> Segment:
     """Every sub-step as a segment of its own."""
-    count = simulator.accuracy.substeps.of(segment).astype(np.intp)
     which = np.repeat(np.arange(count.size), count)
     within = np.arange(which.size) - np.repeat(np.cumsum(count) - count, count)
     length = (segment.length / count)[which]
@@ -123,9 +130,10 @@ def _guess(
     cut: Segment,
     p: FloatArray,
     numbers: dict[str, float],
-    record: Measurement,
+    record: Measurement | None,
+    stroke: float,
 ) -> FloatArray:
-    """States simulated at the start values, the position corrected to what the record reads.
+    """States simulated at the start values, the position corrected to what a record reads.
 
     A simulation alone is a poor guess where the resonance is wrong: it has the phase of another
     frequency. With the position from the record the program begins near the data, and the gaps
@@ -138,7 +146,6 @@ def _guess(
     run = engine(system, (), True).run(cut, ones, p, first, np.zeros((first.size, 0)), states=True)
     assert run.states is not None
     states = np.vstack([first, run.states])
-    stroke = float(np.ptp(record.position)) or 1.0
     lengths = np.array([unit == "m" for unit in system.state_units], dtype=bool)
     sane = np.isfinite(states).all(axis=1)
     with np.errstate(invalid="ignore"):
@@ -146,7 +153,7 @@ def _guess(
     last = np.maximum.accumulate(np.where(sane, np.arange(sane.size), 0))
     held = np.where(np.isfinite(states[last]), states[last], 0.0)
     place = position_of(system)
-    if place is None:
+    if place is None or record is None:
         return held
     end = cut.time + cut.length
     time = np.append(cut.time[0], end)
