@@ -259,6 +259,8 @@ def _simplified(rows: FloatArray) -> FloatArray:
 def _correlation(columns: FloatArray) -> FloatArray:
     inverse = np.linalg.pinv(columns.T @ columns, rcond=1e-15)
     size = np.sqrt(np.abs(np.diag(inverse)))
+    # A column that vanishes leaves a zero in the pseudo-inverse: it correlates with nothing.
+    size = np.where(size > 0.0, size, np.inf)
     return np.asarray(inverse / np.outer(size, size))
 
 
