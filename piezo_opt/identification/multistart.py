@@ -19,6 +19,7 @@ from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.outcome import Ending
 from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.result import StartResult
+from piezo_opt.identification.solvers.base import Solution
 from piezo_opt.identification.transcription import Transcription
 from piezo_opt.identification.unknowns import Unknowns
 
@@ -97,6 +98,10 @@ def _run(
     except (ArithmeticError, ModelError) as error:
         return _Done(index, theta, np.inf, np.inf, Ending.FAILED, str(error), 0, 0,
                      np.zeros((0, theta.size)), np.zeros(0))  # fmt: skip
+    except KeyboardInterrupt:
+        if monitor.best is None:
+            raise
+        solution = Solution(monitor.best, Ending.INTERRUPTED, "")
     trace, spent = monitor.trace, monitor.evaluations
     rms = float(trace.rms[-1]) if trace.rms.size else float("inf")
     return _Done(
@@ -127,11 +132,15 @@ def run_starts(
             done[one.index] = one
             monitor.simulations += one.simulations
             monitor.with_sensitivities += one.with_sensitivities
-            if kept:
+            # An unfinished start may be the best so far, but must be run again.
+            interrupted = one.ending is Ending.INTERRUPTED
+            if kept and not interrupted:
                 kept.append(one)
             best = min(done.values(), key=lambda d: d.cost)
             monitor.saw(best.theta, best.cost)
             monitor.iterate(best.theta, best.rms)
+            if interrupted:
+                break
     except KeyboardInterrupt:
         interrupted = True
     if not done:
@@ -180,9 +189,12 @@ def _fingerprint(question: Identification, unknown: Unknowns, centre: FloatArray
     digest = hashlib.sha256()
     digest.update(json.dumps(question.model.to_dict(), sort_keys=True).encode())
     for record in question.campaign.records:
-        for column in (record.time, record.drive, record.position):
+        for column in (record.time, record.drive, record.position, *record.channels.values()):
             digest.update(np.ascontiguousarray(column).tobytes())
-    digest.update(repr([(m.name, m.low, m.high) for m in unknown.members]).encode())
+        told = (record.between, record.period, record.startup, question.start_of(record))
+        digest.update(repr((told, tuple(record.channels))).encode())
+    digest.update(repr([(m.name, m.low, m.high, m.prior) for m in unknown.members]).encode())
+    digest.update(repr((question.loss, question.noise, question.weights)).encode())
     digest.update(repr(sorted(unknown.kept.items())).encode())
     digest.update(centre.tobytes())
     digest.update(str(seed).encode())
@@ -205,13 +217,18 @@ class _Log:
                 ) from None
             if known != question:
                 raise InputError(
-                    f"{path}: this log belongs to another question (model, records, bounds, start "
-                    "or seed differ); name another file or delete it."
+                    f"{path}: this log belongs to another question (model, records, bounds, loss, "
+                    "start or seed differ); name another file or delete it."
                 )
             return
-        with h5py.File(path, "w") as file:
-            file.attrs["question"] = question
-            file.attrs["schema"] = "piezo_opt/starts/1"
+        try:
+            with h5py.File(path, "w") as file:
+                file.attrs["question"] = question
+                file.attrs["schema"] = "piezo_opt/starts/1"
+        except OSError as error:
+            raise InputError(
+                f"{path}: a log of starts cannot be written here ({error}); name another file."
+            ) from None
 
     def append(self, done: _Done) -> None:
         """Add one finished start and close the file, so that a crash loses nothing."""
