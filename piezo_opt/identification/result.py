@@ -142,7 +142,8 @@ class Fit:
 
         A record that begins as a fitted one does (the whole of a record of which a part was
         fitted) is simulated through from the fitted start. Of any other record the start and
-        the per-record parameters are not known: they, and only they, are estimated on it.
+        the per-record parameters are not known: they, and only they, are estimated on it, save
+        those that the question fixed for every record.
 
         Raises:
             InputError: the record lacks a channel that the model needs.
@@ -158,6 +159,7 @@ class Fit:
                 return objective.readings(theta)[0]
         free = {n for n, p in self.model.parameters.items() if p.per_record}
         free |= {plain(n) for n in self.question.per_record}
+        free -= set(self.question.fixed)
         shared = {
             n: self.values[n] for n in self.model.parameters if n not in free and n in self.values
         }

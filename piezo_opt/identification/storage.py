@@ -3,7 +3,8 @@
 HDF5 layout: the records as any file of records has them (so that `read_campaign` reads the file
 too), and beside them
 
-    /fit                    attributes  schema, question (JSON), result (JSON)
+    /fit                    attribute   schema
+    /fit/question, /fit/result          uint8: JSON
     /fit/covariance         float64 (k, k)
     /fit/reading_0000 ...   float64 (N,) modelled reading of each record [m]
     /fit/trace_values       float64 (iterations, k)
@@ -20,13 +21,16 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
+from numpy.typing import NDArray
 
 from piezo_opt.effects.catalogue import model_from_dict
 from piezo_opt.effects.model import Model
-from piezo_opt.errors import InputError
+from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.identification.outcome import Ending, Evaluations, Outcome, Trace
 from piezo_opt.identification.problem import Identification, Loss, Prior, Shape, Start
 from piezo_opt.identification.result import Fit, StartResult
+from piezo_opt.measurement import Campaign
 from piezo_opt.readers import read_campaign, write
 from piezo_opt.readers.files import replacing
 from piezo_opt.simulation import Accuracy, Substeps
@@ -50,11 +54,13 @@ def save_fit(fit: Fit, path: str | os.PathLike[str], *, overwrite: bool = False)
             shutil.copyfile(records, scratch)
         finally:
             records.unlink(missing_ok=True)
-        with h5py.File(scratch, "a") as file:
+        with h5py.File(scratch, "a", libver=("v110", "v110")) as file:
             group = file.create_group("fit")
             group.attrs["schema"] = _SCHEMA
-            group.attrs["question"] = json.dumps(_question(fit.question))
-            group.attrs["result"] = json.dumps(_result(fit))
+            # Data sets, because an attribute has no room for the results of many starts.
+            for name, told in (("question", _question(fit.question)), ("result", _result(fit))):
+                text = np.frombuffer(json.dumps(told).encode(), dtype=np.uint8)
+                group.create_dataset(name, data=text, compression="gzip", fletcher32=True)
             group["covariance"] = fit.covariance
             group["trace_values"] = fit.trace.values
             group["trace_rms"] = fit.trace.rms
@@ -78,13 +84,23 @@ def load_fit(path: str | os.PathLike[str], *, model: Model | None = None) -> Fit
             if "fit" not in file or file["fit"].attrs.get("schema") != _SCHEMA:
                 raise InputError(f"{path}: holds records but no fit; write one with fit.save(...).")
             group = file["fit"]
-            asked = json.loads(group.attrs["question"])
-            told = json.loads(group.attrs["result"])
             arrays = {name: group[name][:] for name in group}
-    except (OSError, KeyError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
+        asked = json.loads(arrays["question"].tobytes())
+        told = json.loads(arrays["result"].tobytes())
+        return _fit(campaign, model, asked, told, arrays)
+    except PiezoOptError:
+        raise
+    except (OSError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: the fit in this file cannot be read ({error}).") from None
+
+
+def _fit(
+    campaign: Campaign,
+    model: Model | None,
+    asked: Mapping[str, Any],
+    told: Mapping[str, Any],
+    arrays: Mapping[str, NDArray[Any]],
+) -> Fit:
     question = Identification(
         model=model_from_dict(asked["model"]) if model is None else model,
         records=campaign,

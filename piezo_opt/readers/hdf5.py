@@ -52,7 +52,8 @@ def campaign_from_hdf5(path: str | os.PathLike[str]) -> Campaign | None:
             raise InputError(
                 f"{file}: has layout version {version}, this package reads {_VERSION}: update it"
             )
-        records = tuple(_record(file, content[name]) for name in sorted(content))
+        # A file of a fit has the group "fit" beside its records.
+        records = tuple(_record(file, content[name]) for name in sorted(content) if name != "fit")
     try:
         return Campaign(records)
     except InputError as error:
