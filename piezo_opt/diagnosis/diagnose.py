@@ -22,6 +22,8 @@ from piezo_opt.identification import Fit, LevenbergMarquardt, solve
 from piezo_opt.measurement import Measurement
 from piezo_opt.units import show
 
+_ABOVE = 1.5
+"""Residual over the noise floor above which it is asked whether it is a function of anything."""
 SCHEMA = "piezo_opt/diagnosis/1"
 
 
@@ -235,8 +237,16 @@ def diagnose(
     final = _whole(fit, climbed)
     floor = noise_floor(final)
     left_over = structure(final, floor)
+    correction: Unexplained | None = None
+    if left_over.left or final.rms > _ABOVE * floor.rms:
+        tell("looking for the smallest correction")
+        correction = unexplained(final, floor)
+    # What can be described as a function of the chain's own signals is no noise either.
+    described = correction is not None and correction.against is not None
     explained = "missing" if climbed.steps else "complete"
-    verdict = "unexplained" if left_over.left else explained
+    verdict = "unexplained" if left_over.left or described else explained
+    if verdict != "unexplained":
+        correction = None
     planned: tuple[Advice, ...] = ()
     invisible: tuple[str, ...] = ()
     if advise is not False:
@@ -246,10 +256,6 @@ def diagnose(
         planned, invisible = experiments(
             fit, climbed.steps, final, offered, floor.rms, hidden=hidden, threads=threads
         )
-    correction: Unexplained | None = None
-    if verdict == "unexplained":
-        tell("looking for the smallest correction")
-        correction = unexplained(final, floor)
     return Diagnosis(
         fit=fit,
         final=final,

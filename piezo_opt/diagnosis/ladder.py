@@ -17,6 +17,7 @@ from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, effective_sam
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Effect
 from piezo_opt.identification import (
+    Ending,
     Fit,
     Identification,
     LevenbergMarquardt,
@@ -282,13 +283,16 @@ def refit(fit: Fit, suspect: Suspect, iterations: int = 40) -> Fit:
 
 
 def _solved(question: Identification, start: Mapping[str, float], iterations: int) -> Fit:
-    """A fit good enough to compare models by."""
-    return solve(
+    """A fit good enough to compare models by; an interrupt ends the ladder, not only this fit."""
+    fit = solve(
         question,
         start=start,
         solver=LevenbergMarquardt(iterations=iterations, tolerance=1e-6),
         transcription=SingleShooting(refine=False),
     )
+    if fit.outcome.ending is Ending.INTERRUPTED:
+        raise KeyboardInterrupt
+    return fit
 
 
 def _refits(fit: Fit, short: Sequence[Suspect], threads: int) -> list[_Rung]:

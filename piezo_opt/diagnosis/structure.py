@@ -17,6 +17,9 @@ from piezo_opt.units import show
 
 FloatArray = NDArray[np.float64]
 
+_SLOW = 5.0
+"""Residual over the high-frequency floor beyond which noise would have to be very slow (a
+first-order correlation above 0.92 from sample to sample)."""
 _RARE = 1e-4
 
 
@@ -41,6 +44,12 @@ def structure(fit: Fit, noise: NoiseFloor) -> Structure:
         clues.append(
             f"The residual ({show(fit.rms, 'm')}) is above the measured noise "
             f"({show(noise.rms, 'm')})."
+        )
+    if not noise.measured and fit.rms > _SLOW * noise.rms:
+        clues.append(
+            f"The residual ({show(fit.rms, 'm')}) is {fit.rms / noise.rms:.0f} times the floor "
+            f"at the record's highest frequencies ({show(noise.rms, 'm')}): slow noise, or "
+            "something that was not recorded."
         )
     point = BasePoint(fit)
     r = point.residual
