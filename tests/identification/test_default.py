@@ -51,15 +51,15 @@ def test_slow_sampling_hides_it() -> None:
     still(record(MOVING, truth, time, drive, noise=5e-9))
 
 
-def test_a_pure_sine_hides_it() -> None:
-    time = np.arange(1000) / 5000.0
-    still(shaken_by_sine(time))
+@pytest.mark.parametrize(("phase", "why"), [(-np.pi / 2, ""), (0.0, "no power near the best")])
+def test_a_pure_sine_hides_it(phase: float, why: str) -> None:
+    # At phase 0 it sets in with a speed: the best resonance is then the ringing of the onset.
+    drive = 30.0 + 30.0 * np.sin(2 * np.pi * 12.5 * np.arange(800) / 5000.0 + phase)
+    assert why in still(shaken(300.0, 0.03, 5000.0, drive))
 
 
-def shaken_by_sine(time: FloatArray) -> po.Measurement:
-    drive = 30.0 - 30.0 * np.cos(2 * np.pi * 10.0 * time)
-    truth = {**TRUTH, "second_order.omega": 2 * np.pi * 300.0, "second_order.zeta": 0.03}
-    return record(MOVING, truth, time, drive, noise=5e-9)
+def test_a_resonance_beyond_what_the_sampling_holds_is_not_kept() -> None:
+    assert "fewer than 2.5 samples a cycle" in still(shaken(2150.0, 0.01, 5000.0))
 
 
 def test_what_is_overdamped_has_no_resonance() -> None:

@@ -83,6 +83,22 @@ def test_starts_are_reproducible_and_the_best_wins() -> None:
     assert len(one.to_dict()["starts"]) == 4
 
 
+def test_the_best_of_unfinished_starts_wins() -> None:
+    seen: list[Progress] = []
+    short = po.LevenbergMarquardt(iterations=3)
+    wrong = replace(QUESTION, values={"bouc_wen.beta": 0.3, "bouc_wen.alpha": 2e-7})
+    fit = po.solve(wrong, starts=6, seed=1, solver=short, progress=seen.append)
+    rms = [s.rms for s in fit.starts]
+    assert rms == sorted(rms)
+    assert rms[-1] > 1.5 * rms[0]
+    assert fit.starts[0].index != 0
+    assert fit.rms == pytest.approx(rms[0], rel=1e-3)
+    # What is shown on the way is the best so far.
+    shown = [p.rms for p in seen]
+    assert shown == sorted(shown, reverse=True)
+    assert shown[-1] == rms[0]
+
+
 def test_an_executor_changes_nothing_but_the_time() -> None:
     alone = po.solve(QUESTION, starts=4, seed=11)
     with ThreadPoolExecutor(2) as pool:

@@ -75,6 +75,24 @@ def test_a_start_given_by_the_user_is_where_the_solver_begins() -> None:
     assert {n: begun[n] for n in own} == own
 
 
+@pytest.mark.parametrize("name", ["piezo_gain.d", "bouc_wen.alpha", "offset.y0"])
+def test_a_given_stroke_is_not_moved_by_the_search_for_the_others(name: str) -> None:
+    measured, _ = ringing(60.0)
+    own = {name: 1.5 * TRUTH[name]}
+    fit = po.solve(po.Identification(MOVING, measured, values=own))
+    assert fit.trace.values[0][fit.names.index(name)] == own[name]
+    assert fit.rms < 1.1 * 5e-9
+
+
+def test_a_gate_that_may_not_move_the_right_way_still_leaves_its_null() -> None:
+    time, drive = steps(300)
+    truth = {**TRUTH, "creep.c": -0.06, "creep.tau": 0.03}
+    model = STILL + Creep(elements=1)
+    measured = record(model, truth, time, drive, noise=2e-9)
+    question = po.Identification(model, measured, bounds={"creep.c": (0.0, 0.9)})
+    assert 0.0 < starting_values(question, Monitor(()))["creep.c"] < 0.05
+
+
 def test_a_given_start_of_some_is_kept_while_the_others_are_found() -> None:
     measured, truth = ringing(60.0)
     question = po.Identification(
