@@ -12,10 +12,11 @@ from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.held_out import HeldOut, hold_out
 from piezo_opt.diagnosis.ladder import Ladder, Step, climb
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
+from piezo_opt.diagnosis.rivals import Rival, rivals
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, score
 from piezo_opt.diagnosis.structure import Structure, structure
 from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
-from piezo_opt.effects.base import Effect
+from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.errors import ModelError
 from piezo_opt.identification import Fit, LevenbergMarquardt, solve
@@ -48,6 +49,8 @@ class Diagnosis:
         invisible: effects that no candidate drive would show.
         unexplained: where a correction would have to enter, and of what it is a function; None
             unless that is the verdict.
+        rivals: other hysteresis laws in the place of the model's own, best first; tried when the
+            verdict is ``"unexplained"``.
     """
 
     fit: Fit
@@ -64,6 +67,7 @@ class Diagnosis:
     experiments: tuple[Advice, ...] = ()
     invisible: tuple[str, ...] = ()
     unexplained: Unexplained | None = None
+    rivals: tuple[Rival, ...] = ()
 
     def best(self) -> Effect:
         """The likeliest missing effect, to be added with ``model + diagnosis.best()``.
@@ -157,6 +161,16 @@ class Diagnosis:
             "refined": list(self.refined),
             "dropped": list(self.dropped),
             "unexplained": None if self.unexplained is None else self.unexplained.to_dict(),
+            "rivals": [
+                {
+                    "effect": r.name,
+                    "rms": r.rms,
+                    "held_out": r.held_out,
+                    "delta_bic": r.delta_bic,
+                    "better": r.better,
+                }
+                for r in self.rivals
+            ],
             "clues": list(self.structure.clues),
             "advice": list(self.advice),
             "experiments": [e.to_dict() for e in self.experiments],
@@ -183,6 +197,7 @@ class Diagnosis:
                 )
         for title, sentences in (
             ("What is left", (*self.structure.clues, *_sentences(self.unexplained))),
+            ("Other hysteresis laws", tuple(str(r) for r in self.rivals if r.better)),
             ("Advice", self.advice),
             ("Not scored", tuple(f"{u.name}: {u.why}" for u in self.unscored)),
         ):
@@ -245,8 +260,12 @@ def diagnose(
     described = correction is not None and correction.against is not None
     explained = "missing" if climbed.steps else "complete"
     verdict = "unexplained" if left_over.left or described else explained
+    others: tuple[Rival, ...] = ()
     if verdict != "unexplained":
         correction = None
+    elif fit.model.loop is not None:
+        tell("trying other hysteresis laws")
+        others = rivals(climbed.final, held, _laws(withhold), threads)
     planned: tuple[Advice, ...] = ()
     invisible: tuple[str, ...] = ()
     if advise is not False:
@@ -271,7 +290,18 @@ def diagnose(
         experiments=planned,
         invisible=invisible,
         unexplained=correction,
+        rivals=others,
     )
+
+
+def _laws(withhold: Sequence[str]) -> list[type[Effect]]:
+    """The hysteresis laws of the catalogue: what the strain balance of a base model remembers."""
+    return [
+        kind
+        for name, kind in CATALOGUE.items()
+        if kind.structural and kind.place is Place.STRAIN and kind().states
+        and name not in withhold
+    ]  # fmt: skip
 
 
 def _sentences(left: Unexplained | None) -> tuple[str, ...]:

@@ -1,0 +1,110 @@
+"""Is it the wrong hysteresis? Rival laws in the place of the model's own, refitted and compared.
+
+A rival is no missing effect: it replaces the law and is judged like one rung of the ladder, by
+BIC on the same effective samples and by held-out data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, rms
+from piezo_opt.diagnosis.ladder import STRONG, bic_gain
+from piezo_opt.effects.base import Effect
+from piezo_opt.errors import PiezoOptError
+from piezo_opt.identification import Fit, LevenbergMarquardt, SingleShooting, solve
+from piezo_opt.units import show
+
+
+@final
+@dataclass(frozen=True)
+class Rival:
+    """A hysteresis law in the place of the model's own.
+
+    Attributes:
+        name: the law.
+        rms: error of the refit [m].
+        held_out: error on the held-out record [m], None without one.
+        delta_bic: by how much BIC falls (negative: the model's own law is better).
+        better: strong evidence for the rival, and the held-out data agree.
+    """
+
+    name: str
+    rms: float
+    held_out: float | None
+    delta_bic: float
+    better: bool
+
+    def __str__(self) -> str:
+        against = "fits better than" if self.better else "is no better than"
+        return f"{self.name} {against} the model's own law (rms {show(self.rms, 'm')})."
+
+
+def rivals(
+    fit: Fit, held: HeldOut, laws: Sequence[type[Effect]], threads: int = 2
+) -> tuple[Rival, ...]:
+    """Refit with each law in the place of the model's own, best first.
+
+    Args:
+        fit: a fit of ``held.question`` or a richer one; without a hysteresis law there is nothing
+            to replace.
+        held: what decides beside BIC.
+        laws: hysteresis laws to try; those that the model's other effects cannot work with are
+            left out.
+        threads: refits that run at a time.
+    """
+    own = fit.model.loop
+    if own is None:
+        return ()
+    before = error_on(fit, held.record)
+
+    def one(law: type[Effect]) -> Rival | None:
+        try:
+            question = fit.question.with_model(fit.model.replaced(own, law()))
+            kept = {k: v for k, v in fit.values.items() if not k.startswith("initial.")}
+            refitted = min(
+                (
+                    solve(
+                        question,
+                        start={**kept, **widths},
+                        solver=LevenbergMarquardt(iterations=60, tolerance=1e-6),
+                        transcription=SingleShooting(refine=False),
+                    )
+                    for widths in _widths(law(), fit)
+                ),
+                key=lambda f: f.rms,
+            )
+            after = error_on(refitted, held.record)
+        except (PiezoOptError, ArithmeticError):
+            return None
+        gain = bic_gain(fit, refitted)
+        return Rival(
+            law().name,
+            refitted.rms,
+            rms(after),
+            gain,
+            gain > STRONG and refitted.rms < 0.98 * fit.rms and agrees(before, after),
+        )
+
+    others = [law for law in laws if law().name != own]
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        found = [r for r in pool.map(one, others) if r is not None]
+    return tuple(sorted(found, key=lambda r: r.rms))
+
+
+def _widths(law: Effect, fit: Fit) -> list[dict[str, float]]:
+    """Starts for thresholds in volts: shares of the drive's range; one empty start without any."""
+    swing = max(float(np.ptp(record.drive)) for record in fit.records)
+    thresholds = [
+        f"{law.name}.{name}"
+        for name, p in law.parameters.items()
+        if p.unit == "V" and p.bounds[0] > 0 and not p.fixed
+    ]
+    if not thresholds:
+        return [{}]
+    return [dict.fromkeys(thresholds, share * swing) for share in (0.15, 0.4, 0.8)]
