@@ -89,7 +89,9 @@ def test_a_gate_that_may_not_move_the_right_way_still_leaves_its_null() -> None:
     truth = {**TRUTH, "creep.c": -0.06, "creep.tau": 0.03}
     model = STILL + Creep(elements=1)
     measured = record(model, truth, time, drive, noise=2e-9)
-    question = po.Identification(model, measured, bounds={"creep.c": (0.0, 0.9)})
+    question = po.Identification(
+        model, measured, bounds={"creep.c": (0.0, 0.9)}, fixed={"creep.tau": 0.03}
+    )
     assert 0.0 < starting_values(question, Monitor(()))["creep.c"] < 0.05
 
 
