@@ -87,8 +87,9 @@ class Collocation:
         for group in horizon.groups:
             if group.system.becomes is not None:
                 raise ModelError(
-                    f"The hysteresis law {group.system.model.loop} moves in jumps and has no "
-                    "differential equation to collocate; take transcription=SingleShooting()."
+                    f"The model ({', '.join(group.system.model.names)}) has states that jump along "
+                    "the drive and no differential equation to collocate; take "
+                    "transcription=SingleShooting()."
                 )
         n = horizon.sizes.size
         counts = [part.target.size for part in horizon.chains]

@@ -332,13 +332,13 @@ def identify_by_program(
         program = transcribe(Horizon.of(objective, theta, not again), taken.stagewise)
         solved = taken.solve(program, report)
         theta = _snapped(unknowns, solved.variables[program.unknowns] * scale)
-        if not objective.refine(theta):
+        if again or not objective.refine(theta):
             break
     assert solved is not None
     if solved.ending is not Ending.CONVERGED and monitor.best is not None:
         # Short of a solution the last iterate may be worse than an earlier one.
         theta = monitor.best
-    return Solution(theta, solved.ending, solved.sentence)
+    return Solution(theta, solved.ending, solved.sentence, objective.accuracy)
 
 
 def _snapped(unknowns: Unknowns, theta: FloatArray) -> FloatArray:

@@ -38,6 +38,7 @@ program is larger, but so sparse that an iteration costs less.
 """
 _STAGES: Final = 250
 """Stretches unless told otherwise, for a solver whose set-up grows with the square of them."""
+_LONGEST: Final = 100
 
 
 @final
@@ -66,9 +67,10 @@ class MultipleShooting:
 
     def __post_init__(self) -> None:
         check_smoothing(self.smoothing)
-        if self.samples_per_node is not None and self.samples_per_node < 1:
+        if self.samples_per_node is not None and not 1 <= self.samples_per_node <= _LONGEST:
             raise InputError(
-                f"samples_per_node is {self.samples_per_node}; give a whole number of at least 1."
+                f"samples_per_node is {self.samples_per_node}; give 1 to {_LONGEST} (the steps of "
+                "a stretch are written out one by one), or take SingleShooting()."
             )
 
     @property
@@ -94,7 +96,7 @@ class MultipleShooting:
         read = sum(int((part.weight > 0).sum()) for part in horizon.chains)
         samples = _SAMPLES if self.samples_per_node is None else self.samples_per_node
         if stagewise and self.samples_per_node is None:
-            samples = -(-read // _STAGES)
+            samples = min(_LONGEST, -(-read // _STAGES))
         length = max(1, round(samples * rows / max(read, 1)))
         counts = [-(-part.target.size // length) for part in horizon.chains]
         layout = Layout.of(

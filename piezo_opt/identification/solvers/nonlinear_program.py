@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import FrameType
 from typing import Any, Final, final
 
 import casadi as ca
@@ -72,11 +75,15 @@ class Ipopt:
 @final
 @dataclass(frozen=True)
 class Fatrop:
-    """Interior-point method that goes stage by stage: cost and memory grow with the length only.
+    """Interior-point method that factorises stage by stage along time.
 
     Every stage gets its own copy of the unknowns, as states that do not move. For multiple
     shooting; a periodic start ties the end to the beginning and is refused. It reports its end
     only, not every iterate.
+
+    When it pays: measured on 8000 samples, 7 unknowns and stretches of 30 samples it needed 13
+    iterations against IPOPT's 20, but 9.5 s against 4.4 s, nearly all of it in second derivatives
+    that CasADi's interface insists on deriving itself. So :class:`Ipopt` is the default.
 
     Args:
         iterations: most iterations.
@@ -223,10 +230,13 @@ def _run(
     """Solve, and say how it ended."""
     raised: BaseException | None = None
     found = None
-    try:
-        found = solver(x0=program.start, lbx=program.low, ubx=program.high, lbg=0.0, ubg=0.0)
-    except RuntimeError as error:
-        raised = error
+    with _Interrupt(report if isinstance(report, _Watch) else None) as interrupt:
+        try:
+            found = solver(x0=program.start, lbx=program.low, ubx=program.high, lbg=0.0, ubg=0.0)
+        except RuntimeError as error:
+            raised = error
+    if interrupt.asked:
+        raise KeyboardInterrupt
     if isinstance(report, _Watch) and report.raised is not None:
         raise report.raised
     if found is None:
@@ -254,6 +264,36 @@ def _run(
 
 def _first_line(error: BaseException | None) -> str:
     return str(error).strip().splitlines()[0] if str(error).strip() else "no reason given"
+
+
+@final
+class _Interrupt:
+    """Remembers a Ctrl-C while compiled code runs, which may take it for a failed evaluation.
+
+    A solver that calls back is stopped at its next iterate, by what the watch raises there;
+    another one by an exception out of its next evaluation.
+    """
+
+    def __init__(self, watch: _Watch | None) -> None:
+        self._watch = watch
+        self._before: Any = None
+        self.asked = False
+
+    def __enter__(self) -> _Interrupt:
+        # Only the main thread receives signals.
+        if threading.current_thread() is threading.main_thread():
+            self._before = signal.signal(signal.SIGINT, self._remember)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._before is not None:
+            signal.signal(signal.SIGINT, self._before)
+
+    def _remember(self, _number: int, _frame: FrameType | None) -> None:
+        self.asked = True
+        if self._watch is None:
+            raise KeyboardInterrupt
+        self._watch.raised = KeyboardInterrupt()
 
 
 @final
@@ -288,6 +328,8 @@ class _Watch(ca.Callback):
 
     def eval(self, arguments: Any) -> list[float]:
         """One iterate."""
+        if self.raised is not None:
+            return [1.0]
         try:
             self._report(np.array(arguments[0], dtype=float).ravel()[self._program.unknowns])
         except BaseException as error:
