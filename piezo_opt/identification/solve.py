@@ -103,13 +103,13 @@ def _finish(
     if not solution.accuracy:
         objective.refine(theta)
     point = objective.linearised(theta)
-    at_bound = _at_bound(unknown, theta, point.jacobian.T @ point.residual)
+    weighted = objective.robust(point)
+    at_bound = _at_bound(unknown, theta, weighted.jacobian.T @ weighted.residual)
     free = np.array([n not in at_bound for n in unknown.names], dtype=bool)
     scale = unknown.scale
     k = theta.size
     covariance, coloured = np.full((k, k), np.nan), False
     blind: tuple[str, ...] = ()
-    weighted = objective.robust(point)
     if np.isfinite(weighted.jacobian).all() and np.isfinite(weighted.residual).all():
         scaled = weighted.jacobian * scale
         known = uncertainty(weighted.residual, scaled, free, objective.samples)
