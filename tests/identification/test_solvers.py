@@ -112,9 +112,7 @@ def test_a_robust_loss_has_one_optimum(shape: Shape) -> None:
     record = datasets.load("thesis/hysteresis")
     position = np.array(record.position)
     position[[9, 30]] += 3e-6
-    question = replace(
-        loop().with_records(record.with_(position=position)), loss=Loss(shape, 2e-7)
-    )
+    question = replace(loop().with_records(record.with_(position=position)), loss=Loss(shape, 2e-7))
     mine, _, listed = run(question, LevenbergMarquardt(tolerance=1e-13))
     theirs, *_ = run(question, ScipyLeastSquares())
     _, theta = begun(question)

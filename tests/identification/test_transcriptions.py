@@ -144,7 +144,9 @@ def test_free_initial_states_and_several_records() -> None:
     first, second = record(200, seed=1), record(160, seed=2)
     cut = second.with_(
         name="second",
-        time=second.time[30:], drive=second.drive[30:], position=second.position[30:] + 3e-7
+        time=second.time[30:],
+        drive=second.drive[30:],
+        position=second.position[30:] + 3e-7,
     )
     question = Identification(
         MODEL, Campaign((first, cut)), start=Start.FREE, weights=(1.0, 2.0),

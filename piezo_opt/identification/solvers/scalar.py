@@ -50,6 +50,4 @@ class ScalarCost:
         return min(relative, WORST)
 
 
-NOT_FINITE = (
-    "No simulation was finite; give other start values (values={...}) or tighter bounds."
-)
+NOT_FINITE = "No simulation was finite; give other start values (values={...}) or tighter bounds."
