@@ -36,8 +36,8 @@ From starts with the resonance wrong by 0.4 to 4, one sample a stretch reached t
 time and in the fewest iterations; 4 and 8 ended elsewhere or ran out of iterations in some. The
 program is larger, but so sparse that an iteration costs less.
 """
-_STAGES: Final = 250
-"""Stretches unless told otherwise, for a solver whose set-up grows with the square of them."""
+_STAGEWISE: Final = 8
+"""The same for a solver whose set-up grows with the square of the number of stretches."""
 _LONGEST: Final = 100
 
 
@@ -53,7 +53,7 @@ class MultipleShooting:
 
     Args:
         samples_per_node: mean number of samples in a stretch; None takes 1, the most robust, or
-            for a solver that goes stage by stage as many as keep it to 250 stretches.
+            8 for a solver that goes stage by stage.
         smoothing: width within which corners of the equations (an absolute value, a sign) are
             rounded, as a share of what the argument reaches at the start values. 0 is exact; a
             little (1e-3) helps a solver over corners and moves the optimum by as little.
@@ -96,7 +96,7 @@ class MultipleShooting:
         read = sum(int((part.weight > 0).sum()) for part in horizon.chains)
         samples = _SAMPLES if self.samples_per_node is None else self.samples_per_node
         if stagewise and self.samples_per_node is None:
-            samples = min(_LONGEST, -(-read // _STAGES))
+            samples = _STAGEWISE
         length = max(1, round(samples * rows / max(read, 1)))
         counts = [-(-part.target.size // length) for part in horizon.chains]
         layout = Layout.of(

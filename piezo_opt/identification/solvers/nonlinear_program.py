@@ -81,9 +81,10 @@ class Fatrop:
     shooting; a periodic start ties the end to the beginning and is refused. It reports its end
     only, not every iterate.
 
-    When it pays: measured on 8000 samples, 7 unknowns and stretches of 30 samples it needed 13
-    iterations against IPOPT's 20, but 9.5 s against 4.4 s, nearly all of it in second derivatives
-    that CasADi's interface insists on deriving itself. So :class:`Ipopt` is the default.
+    When it pays: not yet. A fit of 8000 samples and 7 unknowns took 19 s against IPOPT's 5 s, most
+    of it in derivatives that CasADi's interface insists on deriving itself. With stretches of 30
+    samples the same record sent it into an iteration that did not end within minutes, and then
+    not even Ctrl-C stops it: keep stretches short. So :class:`Ipopt` is the default.
 
     Args:
         iterations: most iterations.
