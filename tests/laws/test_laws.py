@@ -45,6 +45,7 @@ from piezo_opt.effects import (
 from piezo_opt.errors import InputError, ModelError
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation import Simulator, Substeps
+from piezo_opt.simulation.compiler import find_compiler
 from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
@@ -396,6 +397,31 @@ def test_simulations_are_finite_over_the_typical_ranges(kind: type[Effect]) -> N
         response = run.response(values)
         assert np.isfinite(response.reading).all(), dict(values)
         assert np.isfinite(response.states).all(), dict(values)
+
+
+@pytest.mark.skipif(find_compiler() is None, reason="there is no C compiler to compare with")
+@each
+def test_the_generated_c_replays_the_virtual_machine(kind: type[Effect]) -> None:
+    """The first half of the law that exported C replays Python: the core that all exports use."""
+    model, name = around(kind)
+    values = drawn(model, name, generator(kind))
+    directions = tuple(f"{name}.{k}" for k in model[name].parameters)
+    interpreted = simulator(model, values, directions)
+    compiled = Simulator(
+        model,
+        record(),
+        values,
+        directions=directions,
+        runtime=tuple(model.parameters),
+        substeps=SUBSTEPS,
+    )
+    assert compiled.compiled
+    assert not interpreted.compiled
+    y, slopes = compiled.with_sensitivities(values)
+    reading, expected = interpreted.with_sensitivities(values)
+    assert np.abs(y - reading).max() <= 1e-12 * np.ptp(reading)
+    extent = np.abs(expected).max(axis=0)
+    assert (np.abs(slopes - expected).max(axis=0) <= 1e-6 * extent).all()
 
 
 @pytest.mark.parametrize(
