@@ -66,6 +66,11 @@ class Collocation:
         """Name in tables."""
         return "collocation"
 
+    @property
+    def default_solver(self) -> str:
+        """Ipopt."""
+        return Ipopt().name
+
     def identify(
         self,
         question: Identification,

@@ -78,6 +78,11 @@ class MultipleShooting:
         """Name in tables."""
         return "multiple_shooting"
 
+    @property
+    def default_solver(self) -> str:
+        """Ipopt."""
+        return Ipopt().name
+
     def identify(
         self,
         question: Identification,

@@ -132,7 +132,7 @@ def _finish(
         remarks=(),
         accuracy=objective.accuracy,
         compiled=all(s.compiled for s in objective.simulators),
-        solver=getattr(solver, "name", "levenberg_marquardt" if solver is None else "?"),
+        solver=str(getattr(solver, "name", transcription.default_solver)),
         transcription=transcription.name,
     )
     return replace(fit, outcome=_outcome(solution, fit), remarks=_remarks(question, fit))

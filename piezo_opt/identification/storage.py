@@ -130,7 +130,7 @@ def _fit(
         wall_s=told["wall_s"],
         blind=tuple(told["blind"]),
         remarks=tuple(told["remarks"]),
-        accuracy=tuple(Accuracy(Substeps(a, b), e, n) for a, b, e, n in told["accuracy"]),
+        accuracy=tuple(Accuracy(Substeps(a, b, k), e, n) for a, b, k, e, n in told["accuracy"]),
         compiled=told["compiled"],
         solver=told["solver"],
         transcription=told["transcription"],
@@ -167,7 +167,13 @@ def _result(fit: Fit) -> Mapping[str, Any]:
         "blind": list(fit.blind),
         "remarks": list(fit.remarks),
         "accuracy": [
-            [a.substeps.longest, a.substeps.largest_move, a.error, a.per_sample]
+            [
+                a.substeps.longest,
+                a.substeps.largest_move,
+                a.substeps.times,
+                a.error,
+                a.per_sample,
+            ]
             for a in fit.accuracy
         ],
         "compiled": fit.compiled,

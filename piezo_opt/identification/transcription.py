@@ -26,6 +26,10 @@ class Transcription(Protocol):
     def name(self) -> str:
         """Name in tables."""
 
+    @property
+    def default_solver(self) -> str:
+        """Name of the solver that it takes where none is given."""
+
     def identify(
         self,
         question: Identification,
@@ -57,6 +61,11 @@ class SingleShooting:
     def name(self) -> str:
         """Name in tables."""
         return "single_shooting"
+
+    @property
+    def default_solver(self) -> str:
+        """Levenberg-Marquardt."""
+        return LevenbergMarquardt().name
 
     def identify(
         self,
