@@ -21,6 +21,7 @@ from piezo_opt.effects import (
     SensorLag,
 )
 from piezo_opt.errors import InputError
+from piezo_opt.identification import LevenbergMarquardt
 from tests.diagnosis.plants import (
     MOVING,
     NOISE,
@@ -178,3 +179,16 @@ def test_an_empty_catalogue_is_no_error() -> None:
     assert ladder.steps == ()
     with pytest.raises(InputError):
         hold_out(po.Identification(STILL, ()), None)
+
+
+def test_an_interrupt_ends_the_ladder_and_not_only_its_refit(
+    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ladder, held = two
+
+    def stopped(*_: object) -> object:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(LevenbergMarquardt, "minimise", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        climb(ladder.baseline, held, [Creep()], threads=1)

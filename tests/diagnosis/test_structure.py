@@ -108,3 +108,12 @@ def test_more_than_the_measured_noise_is_heard() -> None:
     found = structure(louder, noise_floor(louder))
     assert any("above the measured noise" in c for c in found.clues)
     assert noise_floor(louder).rms == pytest.approx(floor.rms, rel=0.02)
+
+
+def test_what_is_far_above_the_floor_is_not_called_noise(clean: po.Fit) -> None:
+    """An unrecorded, slow input of its own: it follows nothing, and comes in no bursts."""
+    wander = 30.0 * NOISE * np.sin(2.0 * np.pi * 3.3 / (TIME[-1] - TIME[0]) * TIME + 0.4)
+    said = left_by(clean, wander + white(0))
+    assert said.left
+    assert any("was not recorded" in clue for clue in said.clues)
+    assert not any("was not recorded" in clue for clue in left_by(clean, slow(0, 0.9)).clues)
