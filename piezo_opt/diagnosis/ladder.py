@@ -2,51 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.contest import contest
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, rms
 from piezo_opt.diagnosis.noise import noise_floor
-from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, effective_samples, score
+from piezo_opt.diagnosis.refinements import (
+    base_refinements,
+    plausible,
+    refinements,
+    stiffened,
+)
+from piezo_opt.diagnosis.rung import STRONG, Rung, adding, bic_gain, judged, race, solved
+from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, score
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Effect
-from piezo_opt.identification import (
-    Ending,
-    Fit,
-    Identification,
-    LevenbergMarquardt,
-    SingleShooting,
-    solve,
-)
-
-FloatArray = NDArray[np.float64]
+from piezo_opt.errors import PiezoOptError
+from piezo_opt.identification import Fit, Identification
+from piezo_opt.identification.monitor import Monitor
+from piezo_opt.identification.starting import starting_values
 
 SIGNIFICANT = 1e-3
 """Corrected p-value below which a suspect is worth a refit."""
 SHORT = 0.05
 """The same where nothing is held out: long-run variances of a few dozen samples say little, and
 strong evidence after the refit asks for more than this by itself."""
-STRONG = 10.0
-"""Difference of BIC that counts as very strong evidence (Kass & Raftery 1995)."""
 _WORTH = 0.02
 """Share by which the error must fall for an effect to be worth a name."""
 _TELLING = 0.02
 """Score worth a refit when structure is left and no score is significant."""
+_UNSURE = 4
+"""Suspects that are refitted then."""
+_ABOVE = 1.3
+"""Residual over the floor at the highest frequencies from which it may be no noise."""
+_SKETCH = 2
+"""Iterations after which a fit is not bent yet."""
+_SEEN = 0.8
+"""Error predicted from there, over the fit's, below which a suspect is refitted."""
 _ALIKE = 0.9
 """Cosine at the foot from which two effects are the same physics in two shapes."""
 _KIN = 0.6
 """Cosine from which a suspect is refitted because it looks like a likely one."""
 _SHORTLIST = 6
-_FIRST, _LATER = 10, 30
-"""Iterations of a refit before and after it is decided which are worth following."""
-_RACE = 1.5
-"""Error over the best rival's beyond which a refit is out of the race."""
+_ENOUGH = 1.03
+"""Error over the best rung's up to which no other effect is asked for."""
 _MOST_ROUNDS = 7
 
 
@@ -104,14 +106,6 @@ class Ladder:
     dropped: tuple[str, ...]
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Rung:
-    suspect: Suspect | None
-    fit: Fit
-    delta_bic: float
-
-
 def climb(
     baseline: Fit,
     held: HeldOut,
@@ -128,30 +122,31 @@ def climb(
         tell: called with a sentence about what is going on.
         threads: refits that run at a time.
     """
-    fit = baseline
+    fit, refined = _founded(baseline, held, tell, threads)
     tell("scoring every absent effect")
-    suspects, unscored = score(BasePoint(fit), _left(candidates, fit), threads)
+    suspects, unscored = _scored(fit, candidates, threads)
     first, now = suspects, suspects
     steps: list[Step] = []
-    refined: list[str] = []
     error = error_on(fit, held.record)
     bar = SIGNIFICANT if held.record is not None else SHORT
     for _ in range(_MOST_ROUNDS):
         likely = [s for s in now if s.p_value < bar]
-        if not likely and structure(fit, noise_floor(fit)).left:
-            # A residual that comes in a few bursts leaves no score significant: let refits tell.
-            likely = [s for s in now if s.score > _TELLING][:3]
-        # An exponent may be wrong where no absent effect looks likely.
-        rungs = [r for r in _refinements(fit) if r.delta_bic > STRONG]
-        if not likely and not rungs:
-            break
+        if not likely and _unsettled(fit):
+            # A residual in a few bursts, or as slow as slow noise, leaves no score significant:
+            # let refits tell.
+            likely = [s for s in now if s.score > _TELLING][:_UNSURE]
         short = _shortlist(likely, now) if likely else []
-        if short and not any(r.fit.rms <= 1.01 * short[0].predicted_rms for r in rungs):
-            # No exponent of the base model alone does as well as the likeliest effect would.
-            tell(f"refitting with {', '.join(s.name for s in short)}")
-            rungs += _refits(fit, short, threads)
-        rungs = _judged(fit, rungs)
-        taken: _Rung | None = None
+        if not steps and _unsettled(fit):
+            short += _unbent(fit, baseline.question, candidates, short, threads)
+        trials = refinements(fit, baseline.question)
+        if not short and not trials:
+            break
+        if short:
+            tell(f"refitting with {', '.join(dict.fromkeys(s.name for s in short))}")
+        rungs = race(fit, [*trials, *(adding(s) for s in short)], threads)
+        rungs = [r for r in rungs if plausible(r)]
+        rungs = _order(contest(fit, rungs, baseline.question, threads))
+        taken: Rung | None = None
         for rung in rungs:
             after = error_on(rung.fit, held.record)
             if rung.fit.rms < (1.0 - _WORTH) * fit.rms and agrees(error, after):
@@ -160,9 +155,8 @@ def climb(
         if taken is None:
             break
         if taken.suspect is None:
-            freed = [n for n in taken.fit.question.free if n not in fit.question.free]
-            refined += freed
-            tell(f"freed {', '.join(freed)}")
+            refined += taken.trial.refines
+            tell(f"refined {', '.join(taken.trial.refines)}")
         elif (same := _sibling(taken.suspect, steps, suspects)) is not None:
             # The same physics in a shape that one member alone does not have.
             steps[same] = replace(
@@ -191,7 +185,7 @@ def climb(
             )
             tell(f"accepted {taken.suspect.name}")
         fit, error = taken.fit, after
-        now, _ = score(BasePoint(fit), _left(candidates, fit), threads)
+        now, _ = _scored(fit, candidates, threads)
     fit, kept, dropped = _prune(fit, steps)
     return Ladder(
         baseline,
@@ -205,33 +199,79 @@ def climb(
     )
 
 
-def bic_gain(before: Fit, after: Fit, samples: float | None = None) -> float:
-    """By how much BIC falls from one fit to a richer one, on as many samples as carry news.
+def _unsettled(fit: Fit) -> bool:
+    """Whether a residual without a likely suspect may yet be no noise."""
+    floor = noise_floor(fit)
+    return fit.rms > _ABOVE * floor.rms or structure(fit, floor).left
 
-        N_e ln(SSR_0 / SSR_1) - (k_1 - k_0) ln N_e
 
-    with N_e the effective number of samples, from the richer fit's residuals unless given.
-    Rivals are compared with the same N_e.
+def _unbent(
+    fit: Fit,
+    given: Identification,
+    candidates: Sequence[Effect],
+    short: Sequence[Suspect],
+    threads: int,
+) -> list[Suspect]:
+    """Suspects by the look of a base model that has not been bent to do without them.
 
-    Source: Schwarz (1978), Annals of Statistics 6(2), 461-464.
+    A fit that lacks an effect may have run far away to imitate it (a loop so wide that it drifts).
+    Scored from where such a fit begins, less what the base parameters explain to first order, the
+    effect stands out again.
     """
-    n = effective_samples(after.residuals) if samples is None else samples
-    ssr0 = float(before.residuals @ before.residuals)
-    ssr1 = float(after.residuals @ after.residuals)
-    if not np.isfinite(ssr1) or ssr1 <= 0:
-        return -np.inf
-    more = len(after.names) - len(before.names)
-    return n * float(np.log(ssr0 / ssr1)) - more * float(np.log(max(n, 2.0)))
+    question = given.with_model(fit.model)
+    try:
+        sketch = solved(question, starting_values(question, Monitor(())), _SKETCH)
+        suspects, _ = _scored(sketch, candidates, threads)
+    except (PiezoOptError, ArithmeticError):
+        return []
+    listed = {s.name for s in short}
+    better = [s for s in suspects if s.name not in listed and s.predicted_rms < _SEEN * fit.rms]
+    return list({s.name: s for s in reversed(better)}.values())[::-1][:_UNSURE]
 
 
-def _judged(before: Fit, rungs: Sequence[_Rung]) -> list[_Rung]:
-    """Rungs with strong evidence, best first, on the samples that the closest fit leaves free."""
+def _founded(
+    fit: Fit, held: HeldOut, tell: Callable[[str], None], threads: int
+) -> tuple[Fit, list[str]]:
+    """The base model in the detail that the record pays for, before effects are looked for.
+
+    A loop of another roundness, or mechanics that show only beside it, are no missing effects.
+    What is freed here in vain returns to its fixed value once the true effect is there.
+    """
+    refined: list[str] = []
+    error = error_on(fit, held.record)
+    while trials := base_refinements(fit, held.question):
+        rungs = judged(fit, [r for r in race(fit, trials, threads) if plausible(r)])
+        for rung in rungs:
+            after = error_on(rung.fit, held.record)
+            if rung.fit.rms < (1.0 - _WORTH) * fit.rms and agrees(error, after):
+                fit, error = rung.fit, after
+                refined += rung.trial.refines
+                tell(f"refined {', '.join(rung.trial.refines)}")
+                break
+        else:
+            break
+    return fit, refined
+
+
+def _scored(
+    fit: Fit, candidates: Sequence[Effect], threads: int
+) -> tuple[tuple[Suspect, ...], tuple[Unscored, ...]]:
+    """Scores of all absent candidates; forces at a quasi-static fit with unseen mechanics."""
+    moving = stiffened(fit) if fit.model.quasi_static else None
+    return score(
+        BasePoint(fit),
+        [e for e in candidates if e.name not in fit.model],
+        threads,
+        None if moving is None else BasePoint(moving),
+    )
+
+
+def _order(rungs: Sequence[Rung]) -> list[Rung]:
+    """Best first, but what the model has already before any effect that does hardly better."""
     if not rungs:
         return []
-    closest = min(rungs, key=lambda r: r.fit.rms)
-    n = effective_samples(closest.fit.residuals)
-    judged = [replace(r, delta_bic=bic_gain(before, r.fit, n)) for r in rungs]
-    return sorted((r for r in judged if r.delta_bic > STRONG), key=lambda r: -r.delta_bic)
+    enough = _ENOUGH * min(r.fit.rms for r in rungs)
+    return sorted(rungs, key=lambda r: r.suspect is not None or r.fit.rms > enough)
 
 
 def _sibling(suspect: Suspect, steps: Sequence[Step], foot: Sequence[Suspect]) -> int | None:
@@ -244,10 +284,6 @@ def _sibling(suspect: Suspect, steps: Sequence[Step], foot: Sequence[Suspect]) -
                 if abs(float(a.direction @ b.direction)) > _ALIKE:
                     return index
     return None
-
-
-def _left(candidates: Sequence[Effect], fit: Fit) -> list[Effect]:
-    return [e for e in candidates if e.name not in fit.model]
 
 
 def _shortlist(likely: Sequence[Suspect], everybody: Sequence[Suspect]) -> list[Suspect]:
@@ -268,72 +304,7 @@ def _shortlist(likely: Sequence[Suspect], everybody: Sequence[Suspect]) -> list[
     return short
 
 
-def refit(fit: Fit, suspect: Suspect, iterations: int = 40) -> Fit:
-    """The model with a suspect, started at its one-step size, shapes free."""
-    model = fit.model + suspect.effect
-    name = model.names[-1]
-    gate = suspect.effect.parameters[suspect.effect.gate or ""]
-    size = float(np.clip(suspect.size, *gate.bounds))
-    start = {
-        **fit.values,
-        **{f"{name}.{k}": v for k, v in suspect.shapes.items()},
-        f"{name}.{suspect.effect.gate}": size,
-    }
-    return _solved(fit.question.with_model(model), start, iterations)
-
-
-def _solved(question: Identification, start: Mapping[str, float], iterations: int) -> Fit:
-    """A fit good enough to compare models by; an interrupt ends the ladder, not only this fit."""
-    fit = solve(
-        question,
-        start=start,
-        solver=LevenbergMarquardt(iterations=iterations, tolerance=1e-6),
-        transcription=SingleShooting(refine=False),
-    )
-    if fit.outcome.ending is Ending.INTERRUPTED:
-        raise KeyboardInterrupt
-    return fit
-
-
-def _refits(fit: Fit, short: Sequence[Suspect], threads: int) -> list[_Rung]:
-    def one(suspect: Suspect) -> _Rung | None:
-        try:
-            richer = refit(fit, suspect, _FIRST)
-        except (ArithmeticError, ValueError):
-            return None
-        return _Rung(suspect, richer, bic_gain(fit, richer))
-
-    def further(rung: _Rung) -> _Rung:
-        richer = _solved(rung.fit.question, rung.fit.values, _LATER)
-        return replace(rung, fit=richer, delta_bic=bic_gain(fit, richer))
-
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        rungs = [rung for rung in pool.map(one, short) if rung is not None]
-        if not rungs:
-            return []
-        # Only those that are still in the race are followed to their end.
-        near = _RACE * min(r.fit.rms for r in rungs)
-        ended = [r for r in rungs if r.fit.rms > near or r.fit.outcome.success]
-        running = [r for r in rungs if r.fit.rms <= near and not r.fit.outcome.success]
-        return [*ended, *pool.map(further, running)]
-
-
-def _refinements(fit: Fit) -> list[_Rung]:
-    """The base model's own exponents freed: a loop of another roundness is no missing effect."""
-    rungs = []
-    for name, effect in fit.model:
-        for own, parameter in effect.parameters.items():
-            full = f"{name}.{own}"
-            exponent = parameter.fixed and parameter.unit == "1" and effect.structural
-            if exponent and full not in fit.question.free and full not in fit.question.fixed:
-                question = replace(fit.question, free=(*fit.question.free, full))
-                start = {**fit.values, full: parameter.nominal + 0.05}
-                richer = _solved(question, start, _FIRST + _LATER)
-                rungs.append(_Rung(None, richer, bic_gain(fit, richer)))
-    return rungs
-
-
-def _group(taken: _Rung, rungs: Sequence[_Rung], suspects: Sequence[Suspect]) -> tuple[str, ...]:
+def _group(taken: Rung, rungs: Sequence[Rung], suspects: Sequence[Suspect]) -> tuple[str, ...]:
     """Refitted rivals within strong evidence of the best, and directions nearly parallel to it."""
     assert taken.suspect is not None
     names = [taken.suspect.name]
@@ -356,7 +327,7 @@ def _prune(fit: Fit, steps: list[Step]) -> tuple[Fit, list[Step], list[str]]:
         name = next((n for n, e in fit.model if e is step.effect or n == step.name), None)
         if name is None:
             continue
-        poorer = _solved(fit.question.with_model(fit.model.without(name)), fit.values, _LATER)
+        poorer = solved(fit.question.with_model(fit.model.without(name)), fit.values)
         if bic_gain(poorer, fit) < 0.5 * STRONG:
             fit = poorer
             kept.remove(step)

@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, rms
-from piezo_opt.diagnosis.ladder import STRONG, bic_gain
+from piezo_opt.diagnosis.rung import STRONG, bic_gain
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, LevenbergMarquardt, SingleShooting, solve

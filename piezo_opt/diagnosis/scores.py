@@ -29,8 +29,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from piezo_opt.diagnosis.base_point import BasePoint, Direction
-from piezo_opt.effects.base import Effect
+from piezo_opt.effects.base import Effect, Place
 from piezo_opt.errors import PiezoOptError
+from piezo_opt.identification import Fit
 
 FloatArray = NDArray[np.float64]
 
@@ -52,6 +53,7 @@ class Suspect:
         shapes: best shape values by own name.
         wrong_side: whether a one-sided gate would have to move to its forbidden side.
         direction: S_perp (M,) of the best shapes, of length one.
+        base: the fit that it was scored at.
     """
 
     effect: Effect
@@ -65,6 +67,7 @@ class Suspect:
     shapes: dict[str, float]
     wrong_side: bool
     direction: FloatArray
+    base: Fit
 
 
 @final
@@ -80,6 +83,7 @@ class Unscored:
 @dataclass(frozen=True, eq=False)
 class _Best:
     effect: Effect
+    point: BasePoint
     direction: Direction
     gain: float
     chance: float
@@ -89,32 +93,43 @@ class _Best:
 
 
 def score(
-    point: BasePoint, candidates: Sequence[Effect], threads: int = 2
+    point: BasePoint,
+    candidates: Sequence[Effect],
+    threads: int = 2,
+    moving: BasePoint | None = None,
 ) -> tuple[tuple[Suspect, ...], tuple[Unscored, ...]]:
-    """Score candidates at a fit; suspects come likeliest first."""
+    """Score candidates at a fit; suspects come likeliest first.
+
+    Args:
+        point: the fit.
+        candidates: absent effects.
+        threads: effects that are scored at a time.
+        moving: beside a quasi-static fit, the same fit with mechanics, for forces.
+    """
 
     def one(effect: Effect) -> _Best | Unscored:
         channels = tuple(point.question.campaign.records[0].channels)
-        refusal = point.question.model.refusal(effect, channels)
+        at, refusal = point, point.question.model.refusal(effect, channels)
+        if refusal is not None and moving is not None and effect.place is Place.MOTION:
+            at, refusal = moving, moving.question.model.refusal(effect, channels)
         if refusal is not None:
             return Unscored(effect.name, refusal)
         try:
-            directions = point.directions(effect)
+            directions = at.directions(effect)
         except PiezoOptError as error:
             return Unscored(effect.name, str(error))
         except Exception as error:
             return Unscored(effect.name, _where(error, effect))
         if not directions:
             return Unscored(effect.name, "its sensitivities are not finite on this record.")
-        return _best(effect, directions, point.residual)
+        return _best(effect, at, directions)
 
     with ThreadPoolExecutor(max_workers=threads) as pool:
         answers = list(pool.map(one, candidates))
     best = [a for a in answers if isinstance(a, _Best)]
     unscored = tuple(a for a in answers if isinstance(a, Unscored))
     searched = max(1, len({b.effect.name for b in best}))
-    r = point.residual
-    total = float(r @ r)
+    total = float(point.residual @ point.residual)
     units = []
     for b in best:
         length = float(np.linalg.norm(b.direction.projected))
@@ -138,7 +153,7 @@ def score(
                 effect=b.effect,
                 name=b.effect.name,
                 score=gain / total if total > 0 else 0.0,
-                predicted_rms=float(np.sqrt(max(0.0, total - gain) / r.size)),
+                predicted_rms=float(np.sqrt(max(0.0, total - gain) / point.samples)),
                 visibility=visibility,
                 overlaps=tuple((n, round(c, 4)) for n, c in overlaps if c > 0.5),
                 p_value=1.0 if b.wrong_side else min(1.0, p),
@@ -146,6 +161,7 @@ def score(
                 shapes=dict(b.direction.shapes),
                 wrong_side=b.wrong_side,
                 direction=units[i],
+                base=b.point.fit,
             )
         )
     suspects.sort(key=lambda s: (-s.score, s.p_value))
@@ -161,7 +177,8 @@ def _names(suspects: Sequence[Suspect]) -> list[str]:
     return list(dict.fromkeys(s.name for s in suspects))
 
 
-def _best(effect: Effect, directions: list[Direction], r: FloatArray) -> _Best:
+def _best(effect: Effect, point: BasePoint, directions: list[Direction]) -> _Best:
+    r = point.residual
     gate = effect.parameters[effect.gate or ""]
     null = gate.null if gate.null is not None else 0.0
     top: _Best | None = None
@@ -180,12 +197,13 @@ def _best(effect: Effect, directions: list[Direction], r: FloatArray) -> _Best:
             seen.append(unit)
         better = top is None or (top.wrong_side, -top.gain) > (wrong, -gain)
         if better:
-            top = _Best(effect, d, gain, 1.0, size, wrong, 1.0)
+            top = _Best(effect, point, d, gain, 1.0, size, wrong, 1.0)
     if top is None:
         blank = Direction(directions[0].shapes, directions[0].whole, 0.0 * directions[0].whole)
-        return _Best(effect, blank, 0.0, 1.0, 0.0, False, 1.0)
+        return _Best(effect, point, blank, 0.0, 1.0, 0.0, False, 1.0)
     return _Best(
         effect,
+        point,
         top.direction,
         top.gain,
         chance(top.direction.projected, r),

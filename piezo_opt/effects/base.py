@@ -66,6 +66,8 @@ class Parameter:
         typical: range seen in practice: start values and search grids are drawn from it.
         null: on the gate of an optional effect: the value at which the effect vanishes.
         fixed: kept at its value unless the user frees it; folded into the compiled code.
+        detail: a fixed shape that one record in many can see (the roundness of a knee): a search
+            for missing effects frees it where that pays, before it asks for another effect.
         per_record: a campaign estimates one value for every record.
     """
 
@@ -76,10 +78,16 @@ class Parameter:
     typical: tuple[float, float] | None = None
     null: float | None = None
     fixed: bool = False
+    detail: bool = False
     per_record: bool = False
 
     def __post_init__(self) -> None:
         low, high = self.bounds
+        if self.detail and not self.fixed:
+            raise ModelError(
+                f"Parameter '{self.meaning}' is a detail and not fixed: declare fixed=True, "
+                "a detail is freed only where that pays."
+            )
         if not low < high or not low <= self.nominal <= high:
             raise ModelError(
                 f"Parameter '{self.meaning}': nominal {self.nominal} is outside its bounds "
@@ -236,6 +244,25 @@ class Effect(ABC):
     @abstractmethod
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The physics: read ``chain``, own states ``x`` and parameters ``p``; no side effects."""
+
+    def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
+        """Own values with which this effect does what another one does; None where it cannot.
+
+        Args:
+            other: name of the other effect.
+            own: its values, by its own parameter names.
+        """
+        del other, own
+        return None
+
+    def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
+        """The same effect written in more detail, and values to begin with; itself by default.
+
+        Args:
+            own: values by own parameter names.
+        """
+        del own
+        return self, {}
 
     @property
     def name(self) -> str:

@@ -15,8 +15,10 @@ from piezo_opt.simulation import TOLERANCE, Accuracy, Initial, Simulator
 
 FloatArray = NDArray[np.float64]
 
-_MOST_A_SAMPLE = 64
+MOST_A_SAMPLE = 64
 """Sub-steps a sample beyond which a finer scheme costs more than it tells."""
+ENOUGH_A_SAMPLE = 16
+"""The same where models are compared, not estimated."""
 FINEST = 1e-8
 """Scheme error as a share of the reading's range beyond which nothing is refined."""
 
@@ -47,6 +49,7 @@ class Objective:
         monitor: counts the simulations.
         tolerance: first admissible error of the scheme as a share of the reading's range.
         accuracy: sub-steps of each record, where they have been chosen before.
+        most: sub-steps a sample at which the first choice ends.
     """
 
     def __init__(
@@ -57,6 +60,7 @@ class Objective:
         monitor: Monitor,
         tolerance: float = TOLERANCE,
         accuracy: tuple[Accuracy, ...] = (),
+        most: int = MOST_A_SAMPLE,
     ) -> None:
         self.question = question
         self.unknowns = unknowns
@@ -77,6 +81,7 @@ class Objective:
                 runtime=question.free,
                 tolerance=tolerance,
                 substeps=accuracy[i].substeps if accuracy else None,
+                most=most * len(record),
             )
             for i, record in enumerate(records)
         ]  # fmt: skip
@@ -105,7 +110,7 @@ class Objective:
             span = float(np.ptp(self.question.campaign.records[i].position)) or 1.0
             tolerance = float(np.clip(share / span, FINEST, TOLERANCE))
             before = simulator.accuracy.substeps
-            most = max(_MOST_A_SAMPLE * self.counted[i].size, 4 * simulator.substeps(theta_i))
+            most = max(MOST_A_SAMPLE * self.counted[i].size, 4 * simulator.substeps(theta_i))
             chosen = simulator.choose(theta_i, tolerance, most)
             if chosen.substeps.longest < 0.99 * before.longest or (
                 chosen.substeps.largest_move < 0.99 * before.largest_move

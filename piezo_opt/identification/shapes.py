@@ -81,6 +81,31 @@ def _values(parameter: Parameter, record: Measurement, residual: FloatArray) -> 
     return [parameter.nominal]
 
 
+def detail_start(parameter: Parameter, record: Measurement) -> float:
+    """Where the fit of a detail begins: near its fixed value, on a scale set by the record.
+
+    Zero is no start for a detail that has no derivative there, and a warm-up time of centuries
+    none for one that a record could show.
+    """
+    stroke = float(np.ptp(record.position)) or 1.0
+    swing = float(np.ptp(record.drive)) or 1.0
+    low, high = limits(parameter, (record,))
+    if parameter.unit == "s" and parameter.nominal > record.duration:
+        value = 0.5 * record.duration
+    elif parameter.unit == "m/s":
+        value = float(np.sqrt(np.mean(np.gradient(record.position, record.time) ** 2)))
+    elif parameter.nominal != 0.0 or parameter.unit == "1":
+        least, most = parameter.typical or (0.0, 2.0 * parameter.nominal)
+        value = parameter.nominal + (0.05 * (most - least) if parameter.unit == "1" else 0.0)
+    else:
+        sizes = {
+            "s": 0.3 * record.step, "V": 0.01 * swing, "m": 0.01 * stroke, "1/V": 0.05 / swing,
+            "1/m": 0.05 / stroke, "1/V^2": 0.05 / swing**2, "1/m^2": 0.05 / stroke**2,
+        }  # fmt: skip
+        value = sizes.get(parameter.unit, 0.0)
+    return float(np.clip(value, low, high))
+
+
 def resonances(record: Measurement, residual: FloatArray) -> list[float]:
     """Candidates for a natural frequency [rad/s], likeliest first.
 

@@ -9,7 +9,7 @@ and whose candidates come from the spectrum.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.effects.model import Model
 from piezo_opt.identification.monitor import Monitor
-from piezo_opt.identification.objective import Objective
+from piezo_opt.identification.objective import ENOUGH_A_SAMPLE, Objective
 from piezo_opt.identification.problem import Identification, Start
 from piezo_opt.identification.shapes import resonances, shape_grid
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
@@ -38,6 +38,8 @@ _ROUGH = 1e-3
 """Error of the scheme that trials may have, as a share of the reading's range."""
 _STRETCH = 2500
 """Samples that are enough to choose a resonance by."""
+_FOLLOWED = 3
+"""Joint trials that are followed by a few Gauss-Newton steps."""
 _CHEAP = 1000
 """Samples up to which several trials are followed by a few Gauss-Newton steps."""
 
@@ -121,6 +123,75 @@ def starting_values(question: Identification, monitor: Monitor) -> Values:
     return Values(start)
 
 
+def resonance_start(
+    question: Identification, values: Mapping[str, float], residual: FloatArray, mechanics: str
+) -> Values | None:
+    """Where to begin when mechanics join a quasi-static fit; None where no trial can be simulated.
+
+    Args:
+        question: with the mechanics.
+        values: of the quasi-static fit.
+        residual: (N,) measured minus modelled of the first record [m].
+        mechanics: name of the second order in the model.
+    """
+    light = _light(question)
+    record = light.campaign.records[0]
+    search = _Search(light, Monitor(()))
+    start = {**Values.nominal(question.model), **values}
+    best = _scan_resonance(
+        search,
+        start,
+        f"{mechanics}.omega",
+        [f"{mechanics}.zeta"],
+        [*resonances(record, residual), *np.geomspace(0.1, 0.9, 14) * np.pi / record.step],
+    )
+    if best == start:
+        return None
+    return Values({**start, **best})
+
+
+def joint_start(question: Identification, name: str) -> Values:
+    """Where to begin with an optional effect, as if the fit without it had never been.
+
+    A fit without the effect has bent its loop to imitate it. Here the width of the loop and the
+    effect's shapes are searched together; everything that enters linearly follows.
+
+    Args:
+        question: the effect and the base model; values it gives are kept.
+        name: of the effect.
+    """
+    monitor = Monitor(())
+    model = question.model
+    start = dict(starting_values(question.with_model(model.without(name)), monitor))
+    start = {**Values.nominal(model), **start}
+    record = question.campaign.records[0]
+    swing = float(np.ptp(record.drive)) or 1.0
+    search = _Search(_light(question), monitor)
+    gate = model.gates[name]
+    null = model.parameters[gate].null
+    start[gate] = float(null if null is not None else 0.0)
+    loop = model.loop
+    widths = [
+        n for n in (f"{loop}.beta",)
+        if n in model.parameters and search.free(n) and model.parameters[n].unit == "1/V"
+    ]  # fmt: skip
+    gammas = [f"{loop}.gamma"] if widths and search.free(f"{loop}.gamma") else []
+    without = search.question.with_model(model.without(name))
+    residual = _Search(without, monitor).misfit(
+        {k: v for k, v in start.items() if k in Values.nominal(without.model) or "initial" in k}
+    )
+    trials = []
+    for shapes in shape_grid(model[name], record, residual):
+        own = {f"{name}.{k}": v for k, v in shapes.items()}
+        for width in (*_WIDTHS, None) if widths else (None,):
+            wide = {} if width is None else {**dict.fromkeys(widths, width / swing),
+                                             **dict.fromkeys(gammas, 0.0)}  # fmt: skip
+            trials.append(search.trial({**start, **own, **wide}, (gate,)))
+    trials.sort(key=lambda pair: pair[0])
+    followed = [search.followed(found) for _, found in trials[:_FOLLOWED]]
+    return Values({**start, **min(followed, key=lambda pair: pair[0])[1]})
+
+
 def straight_line(record: Measurement) -> tuple[float, float]:
     """Slope [m/V] and intercept [m] of position over drive on the counted samples."""
     drive, position = record.drive[record.counted], record.position[record.counted]
@@ -186,7 +257,9 @@ class _Search:
         if self._objective is None or self._unknowns is None:
             self._unknowns = unknowns(self.question, Values(start))
             at = theta_of(self._unknowns, start)
-            self._objective = Objective(self.question, self._unknowns, at, self._monitor, _ROUGH)
+            self._objective = Objective(
+                self.question, self._unknowns, at, self._monitor, _ROUGH, most=ENOUGH_A_SAMPLE
+            )
         return self._objective, self._unknowns
 
     def projected(self, start: dict[str, float], extra: Sequence[str] = ()) -> dict[str, float]:

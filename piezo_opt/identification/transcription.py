@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.errors import ModelError
 from piezo_opt.identification.monitor import Monitor
-from piezo_opt.identification.objective import Objective
+from piezo_opt.identification.objective import ENOUGH_A_SAMPLE, MOST_A_SAMPLE, Objective
 from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.solvers.base import ResidualSolver, Solution
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
@@ -83,7 +83,8 @@ class SingleShooting:
                 "transcription=MultipleShooting() or Collocation(), or take LevenbergMarquardt()."
             )
         taken = cast(ResidualSolver, chosen)
-        objective = Objective(question, unknowns, start, monitor)
+        most = MOST_A_SAMPLE if self.refine else ENOUGH_A_SAMPLE
+        objective = Objective(question, unknowns, start, monitor, most=most)
         solution = taken.minimise(objective, start)
         if self.refine and objective.refine(solution.theta):
             # Sub-steps that were enough at the start are not at the solution: once more.

@@ -91,12 +91,17 @@ class Unknowns:
         return np.clip(theta, self.low, self.high)
 
 
+_FINEST = 2e-3
+"""Share of the stroke below which a distance is as good as none, and costly to follow."""
+
+
 def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[float, float]:
     """Declared bounds narrowed to what the records' sampling and length can tell apart.
 
     Time constants between a tenth of the sampling step and three times the duration (a longer
     one is an offset in disguise), natural frequencies between one cycle in four durations and
-    nine tenths of the highest frequency that the sampling can hold. One-sided strokes per volt
+    nine tenths of the highest frequency that the sampling can hold, distances in which a contact
+    or a mount gives way not below a five-hundredth of the stroke. One-sided strokes per volt
     are mirrored where the position falls as the drive rises.
     """
     low, high = parameter.bounds
@@ -109,11 +114,19 @@ def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[floa
     elif parameter.unit == "rad/s":
         low = max(low, 2.0 * np.pi / (4.0 * duration))
         high = min(high, 0.9 * np.pi / step)
+    elif parameter.unit == "m" and low > 0 and not parameter.fixed:
+        low = max(low, _FINEST * _stroke(records))
+    elif parameter.unit == "1/m" and low >= 0 and not parameter.fixed:
+        high = min(high, 1.0 / (_FINEST * _stroke(records)))
     elif parameter.unit == "m/V" and low == 0.0 and falls(records[0]):
         low, high = -high, -low
     if not low < high:
         return parameter.bounds
     return low, high
+
+
+def _stroke(records: tuple[Measurement, ...]) -> float:
+    return max(float(np.ptp(r.position[r.counted])) for r in records)
 
 
 def falls(record: Measurement) -> bool:
@@ -177,13 +190,16 @@ def _memories(question: Identification, record: Measurement) -> list[tuple[str, 
             declared = effect.declared_states[state]
             if not declared.remanent:
                 continue
-            if declared.unit == "m/s":
-                size = stroke / max(record.step, 1e-12) * 1e-2
-            else:
-                size = 0.05 * stroke
             # Half a stroke of remanence is more than any actuator keeps; without a bound two slow
-            # states can cancel each other at any size.
-            reach = 0.5 * stroke if declared.unit == "m" else 100.0 * size
+            # states can cancel each other at any size. A state without unit is a share of its
+            # largest (a contact about to slide).
+            if declared.unit == "m":
+                size, reach = 0.05 * stroke, 0.5 * stroke
+            elif declared.unit == "1":
+                size, reach = 0.3, 1.5
+            else:
+                size = stroke / max(record.step, 1e-12) * 1e-2
+                reach = 100.0 * size
             found.extend(
                 (f"{name}.{state}" if count == 1 else f"{name}.{state}[{i}]", size, reach)
                 for i in range(count)

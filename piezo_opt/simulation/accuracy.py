@@ -28,6 +28,8 @@ IntArray = NDArray[np.int32]
 
 _MOST: Final = 20_000_000
 """Sub-steps in one simulation beyond which the model is called too stiff."""
+_TRIES: Final = 32
+"""Sub-steps over the first choice that are tried until a simulation is finite."""
 _PATIENCE: Final = 3
 """Halvings without a gain before the best is taken: at first one may not reach the steep parts."""
 
@@ -149,7 +151,7 @@ def choose(
         count = substeps.count(segment)
         if count > most and best is not None:
             return best
-        if count > _MOST or (count > most and substeps is not first):
+        if count > _MOST or (count > most and count > _TRIES * first.count(segment)):
             if count > 16 * first.count(segment) and not np.isfinite(fine).all():
                 raise ModelError(
                     "The simulation is not finite at these values, however small the sub-steps: "

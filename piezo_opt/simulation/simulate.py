@@ -95,6 +95,7 @@ class Simulator:
         tolerance: float = TOLERANCE,
         prefer_compiled: bool = True,
         substeps: Substeps | None = None,
+        most: int | None = None,
     ) -> None:
         moved = [k for k, v in folded(model).items() if values.get(k, v) != v]
         self.system: System = assemble(model, folded(model, [*runtime, *moved, *directions]))
@@ -124,7 +125,7 @@ class Simulator:
         self._cut_of: tuple[Segment, Substeps, IntArray] | None = None
         self._steady: FloatArray | None = None
         if substeps is None:
-            self.accuracy = self.choose(values, tolerance)
+            self.accuracy = self.choose(values, tolerance, most)
         else:
             count = substeps.count(self.segment(values))
             self.accuracy = Accuracy(substeps, float("nan"), count / record.time.size)

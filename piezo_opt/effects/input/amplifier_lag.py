@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
+from piezo_opt.symbolic import lag_rates, stack
 
 
 @final
 @dataclass(frozen=True)
 class AmplifierLag(Effect):
-    """First-order lag of amplifier and actuator capacitance, entered through a share.
+    """Lag of amplifier and actuator capacitance, of first or second order, entered through a share.
 
-        tau z' = u - z
+        tau z_1' = u - z_1,   ratio tau z_2' = z_1 - z_2
         v = u + share (z - u)
 
-    The share is regular at 0 (no lag) and a pure lag at 1; tau = R C.
+    z is z_1, or z_2 with poles = 2. The share is regular at 0 (no lag) and a pure lag at 1;
+    tau = R C.
 
     References: Fleming & Leang (2014), Design, Modeling and Control of Nanopositioning
     Systems, ch. 14 (electrical drive of capacitive loads).
     """
 
+    poles: int = 1
     place = Place.INPUT
-    z = State("V", "lagged drive")
+    z = State("V", "lagged drive, pole by pole", size="poles")
     share = Parameter(
         "1", "share of the drive that lags", nominal=0.0, bounds=(0.0, 1.0), typical=(0.2, 1.0),
         null=0.0,
@@ -31,10 +35,25 @@ class AmplifierLag(Effect):
     tau = Parameter(
         "s", "time constant R C", nominal=1e-3, bounds=(1e-7, 0.1), typical=(1e-4, 1e-2)
     )
+    ratio = Parameter(
+        "1", "second time constant over the first", nominal=0.2, bounds=(0.03, 1.0),
+        typical=(0.05, 0.5), fixed=True, detail=True,
+    )  # fmt: skip
+
+    def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
+        """A short delay is a lag of that time constant."""
+        return {"share": 1.0, "tau": own["T"]} if other == "delay" else None
+
+    def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
+        """With the second pole."""
+        return replace(self, poles=2), ({} if self.poles == 2 else {"tau": own["tau"] / 1.2})
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
-        """The outgoing drive and the lagged state."""
+        """The outgoing drive and the lagged states."""
         u = chain.incoming.value
+        taus = (p.tau, p.ratio * p.tau)[: self.poles]
         return Equations(
-            gives=u + p.share * (x.z - u), moves={"z": (u - x.z) / p.tau}, starts={"z": u}
+            gives=u + p.share * (x.z[self.poles - 1] - u),
+            moves={"z": lag_rates(x.z, u, taus)},
+            starts={"z": stack([u] * self.poles)},
         )

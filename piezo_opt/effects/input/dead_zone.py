@@ -33,7 +33,7 @@ class DeadZone(Effect):
     )
     softness = Parameter(
         "1", "rounding of the corners over the width", nominal=0.1, bounds=(1e-3, 1.0),
-        typical=(0.02, 0.3), fixed=True,
+        typical=(0.02, 0.3), fixed=True, detail=True,
     )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:

@@ -32,11 +32,12 @@ class Saturation(Effect):
         typical=(1.0, 150.0),
     )  # fmt: skip
     c = Parameter(
-        "V", "centre of the range", nominal=0.0, bounds=(-1e6, 1e6), typical=(0.0, 75.0), fixed=True
-    )
+        "V", "centre of the range", nominal=0.0, bounds=(-1e6, 1e6), typical=(0.0, 75.0),
+        fixed=True, detail=True,
+    )  # fmt: skip
     softness = Parameter(
         "1", "width of the knee over its distance", nominal=0.05, bounds=(1e-3, 1.0),
-        typical=(0.02, 0.2), fixed=True,
+        typical=(0.02, 0.2), fixed=True, detail=True,
     )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:

@@ -14,9 +14,10 @@ from piezo_opt.symbolic import abs_
 class Asymmetry(Effect):
     """Non-symmetrical hysteresis: the loop's rate depends on the sign of the drive.
 
-        h' += delta v |v'|
+        h' += delta v (1 + bend v^2) |v'|
 
-    |v'| in place of sign(v') keeps the loop independent of the rate at which it is run through.
+    bend is kept at 0 unless freed. |v'| in place of sign(v') keeps the loop independent of the rate
+    at which it is run through.
 
     References: after Zhu & Wang (2012), Sensors and Actuators A 181, 51-60 (non-symmetrical
     Bouc-Wen model for piezoelectric ceramic actuators).
@@ -28,7 +29,12 @@ class Asymmetry(Effect):
         "m/V^2", "strength of the asymmetry", nominal=0.0, bounds=(-1e-3, 1e-3),
         typical=(-1e-10, 1e-10), null=0.0,
     )  # fmt: skip
+    bend = Parameter(
+        "1/V^2", "cubic over linear growth with the drive", nominal=0.0, bounds=(-1e6, 1e6),
+        typical=(-1e-4, 1e-4), fixed=True, detail=True,
+    )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Own share of the loop's rate."""
-        return Equations(gives=p.delta * chain.drive.value * abs_(chain.drive.rate))
+        v = chain.drive.value
+        return Equations(gives=p.delta * v * (1.0 + p.bend * v * v) * abs_(chain.drive.rate))

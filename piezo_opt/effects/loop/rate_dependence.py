@@ -33,7 +33,7 @@ class RateDependence(Effect):
     )  # fmt: skip
     m = Parameter(
         "1", "exponent of the drive's rate", nominal=0.0, bounds=(0.0, 2.0), typical=(0.0, 2.0),
-        fixed=True,
+        fixed=True, detail=True,
     )  # fmt: skip
     q = Parameter(
         "V/s", "rate of the drive at which the exponent pivots", nominal=1e4, bounds=(1e-6, 1e9),

@@ -13,10 +13,11 @@ from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
 class CubicStiffness(Effect):
     """Cubic spring about the guide's unstrained position, per unit mass (Duffing).
 
-        x'' += -k3 ((x - x0)^3 + x0^3)
+        x'' += -k3 [f(x - x0) - f(-x0)],   f(e) = e^3 (1 + fifth e^2)
 
-    x0 is where the guide is unstrained, 0 unless freed. Off centre the cube brings its even
-    partner, k2 = -3 k3 x0, and the whole vanishes with k3. k3 < 0 softens.
+    x0 is where the guide is unstrained, fifth the next term of its stiffening; both are 0 unless
+    freed. Off centre the cube brings its even partner, k2 = -3 k3 x0, and the whole vanishes with
+    k3. k3 < 0 softens.
 
     References: Kovacic & Brennan (eds., 2011), The Duffing Equation: Nonlinear Oscillators and
     their Behaviour, Wiley.
@@ -30,10 +31,17 @@ class CubicStiffness(Effect):
     )  # fmt: skip
     x0 = Parameter(
         "m", "position of the unstrained guide", nominal=0.0, bounds=(-1e-1, 1e-1),
-        typical=(-1e-5, 1e-5), fixed=True,
+        typical=(-1e-5, 1e-5), fixed=True, detail=True,
+    )  # fmt: skip
+    fifth = Parameter(
+        "1/m^2", "quintic over cubic stiffness", nominal=0.0, bounds=(-1e18, 1e18),
+        typical=(-1e9, 1e9), fixed=True, detail=True,
     )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Own share of the acceleration."""
-        off = chain.position.value - p.x0
-        return Equations(gives=-p.k3 * (off * off * off + p.x0 * p.x0 * p.x0))
+
+        def force(off: Any) -> Any:
+            return off * off * off * (1.0 + p.fifth * off * off)
+
+        return Equations(gives=-p.k3 * (force(chain.position.value - p.x0) + force(p.x0)))

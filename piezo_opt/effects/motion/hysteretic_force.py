@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -42,11 +43,21 @@ class HystereticForce(Effect):
     delta = Parameter(
         "1", "roundness of the loop", nominal=0.0, bounds=(-10.0, 10.0), typical=(-1.0, 1.0)
     )
-    n = Parameter("1", "exponent", nominal=1.0, bounds=(1.0, 4.0), typical=(1.0, 2.0), fixed=True)
+    n = Parameter(
+        "1", "exponent", nominal=1.0, bounds=(1.0, 4.0), typical=(1.0, 2.0), fixed=True, detail=True
+    )
     z_s = Parameter(
         "m", "displacement at which the exponent pivots", nominal=1e-6, bounds=(1e-12, 1.0),
         fixed=True,
     )  # fmt: skip
+
+    def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
+        """Dahl's friction is this law with gamma = 1, delta = 0: alpha = F / z0, beta = 1 / z0."""
+        if other != "friction":
+            return None
+        return {
+            "alpha": own["F"] / own["z0"], "beta": 1.0 / own["z0"], "gamma": 1.0, "delta": 0.0,
+        }  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Own share of the acceleration and the hysteretic part of the position."""

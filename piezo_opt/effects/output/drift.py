@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -27,8 +28,13 @@ class Drift(Effect):
         typical=(-1e-7, 1e-7), null=0.0, per_record=True,
     )  # fmt: skip
     tau = Parameter(
-        "s", "warm-up time", nominal=1e9, bounds=(1e-3, 1e9), typical=(60.0, 3600.0), fixed=True
-    )
+        "s", "warm-up time", nominal=1e9, bounds=(1e-3, 1e9), typical=(60.0, 3600.0), fixed=True,
+        detail=True,
+    )  # fmt: skip
+
+    def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
+        """Slow creep that was under way at the start runs out like a warm-up."""
+        return {"rate": 0.0, "tau": own["tau"]} if other == "creep" else None
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing reading."""

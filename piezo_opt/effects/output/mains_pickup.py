@@ -7,7 +7,7 @@ from math import pi
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
-from piezo_opt.symbolic import sin
+from piezo_opt.symbolic import cos, sin
 
 
 @final
@@ -15,9 +15,9 @@ from piezo_opt.symbolic import sin
 class MainsPickup(Effect):
     """Sine of the mains frequency, added to the reading.
 
-        y = x + a sin(2 pi f t + phi)
+        y = x + a [sin p + s2 sin 2p + c2 cos 2p + s3 sin 3p + c3 cos 3p],   p = 2 pi f t + phi
 
-    f is kept at 50 Hz unless set (60 Hz) or freed; a second pickup holds a harmonic. A negative
+    f is kept at 50 Hz unless set (60 Hz) or freed, the harmonics at 0 unless freed. A negative
     amplitude is the opposite phase: a fit that starts at 0 can leave in either direction.
 
     References: Ott (2009), Electromagnetic Compatibility Engineering, Wiley (coupling of mains
@@ -33,10 +33,31 @@ class MainsPickup(Effect):
         typical=(-pi, pi), per_record=True,
     )  # fmt: skip
     f = Parameter(
-        "1/s", "mains frequency", nominal=50.0, bounds=(1.0, 1e4), typical=(49.5, 60.5), fixed=True
-    )
+        "1/s", "mains frequency", nominal=50.0, bounds=(1.0, 1e4), typical=(49.5, 60.5), fixed=True,
+        detail=True,
+    )  # fmt: skip
+    s2 = Parameter(
+        "1", "second harmonic, sine", nominal=0.0, bounds=(-10.0, 10.0), typical=(-0.1, 0.1),
+        fixed=True, detail=True,
+    )  # fmt: skip
+    c2 = Parameter(
+        "1", "second harmonic, cosine", nominal=0.0, bounds=(-10.0, 10.0), typical=(-0.1, 0.1),
+        fixed=True, detail=True,
+    )  # fmt: skip
+    s3 = Parameter(
+        "1", "third harmonic, sine", nominal=0.0, bounds=(-10.0, 10.0), typical=(-0.1, 0.1),
+        fixed=True, detail=True,
+    )  # fmt: skip
+    c3 = Parameter(
+        "1", "third harmonic, cosine", nominal=0.0, bounds=(-10.0, 10.0), typical=(-0.1, 0.1),
+        fixed=True, detail=True,
+    )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing reading."""
-        hum = p.a * sin(2.0 * pi * p.f * chain.time + p.phi)
-        return Equations(gives=chain.incoming.value + hum)
+        turn = 2.0 * pi * p.f * chain.time + p.phi
+        hum = (
+            sin(turn) + p.s2 * sin(2.0 * turn) + p.c2 * cos(2.0 * turn)
+            + p.s3 * sin(3.0 * turn) + p.c3 * cos(3.0 * turn)
+        )  # fmt: skip
+        return Equations(gives=chain.incoming.value + p.a * hum)

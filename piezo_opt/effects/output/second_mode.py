@@ -14,7 +14,10 @@ class SecondMode(Effect):
     """Parallel mode driven by the free displacement, added to the reading.
 
         q'' = omega^2 (s - q) - 2 zeta omega q'
-        y = x + g q
+        y = x + g (q + phase q' / omega)
+
+    A mode with more damping than 0.7 has no peak: it is a lag. phase tells damping that is not
+    proportional; it is kept at 0 unless freed.
 
     References: Preumont (2011), Vibration Control of Active Structures, 3rd ed., ch. 2 (modal
     expansion: a response is the sum of its modes).
@@ -31,13 +34,17 @@ class SecondMode(Effect):
         "rad/s", "natural frequency of the mode", nominal=2e4, bounds=(1e-2, 1e7),
         typical=(1e3, 3e5),
     )  # fmt: skip
-    zeta = Parameter("1", "damping ratio", nominal=0.02, bounds=(1e-4, 5.0), typical=(5e-3, 0.1))
+    zeta = Parameter("1", "damping ratio", nominal=0.02, bounds=(1e-4, 0.7), typical=(5e-3, 0.1))
+    phase = Parameter(
+        "1", "velocity over displacement in the reading", nominal=0.0, bounds=(-1.0, 1.0),
+        typical=(-0.1, 0.1), fixed=True, detail=True,
+    )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing reading and the mode's motion."""
         spring = p.omega * p.omega * (chain.free.value - x.q)
         return Equations(
-            gives=chain.incoming.value + p.g * x.q,
+            gives=chain.incoming.value + p.g * (x.q + p.phase * x.r / p.omega),
             moves={"q": x.r, "r": spring - 2.0 * p.zeta * p.omega * x.r},
             starts={"q": chain.free.value},
         )

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
+from piezo_opt.symbolic import lag_rates, stack
 
 
 @final
 @dataclass(frozen=True)
 class SensorLag(Effect):
-    """First-order lag of the displacement sensor, entered through a share.
+    """Lag of first (or second) order of the displacement sensor, entered through a share.
 
-        tau z' = x - z
+        tau z_1' = x - z_1,   ratio tau z_2' = z_1 - z_2
         y = x + share (z - x)
 
-    The share is regular at 0 (no lag) and a pure lag at 1.
+    z is z_1, or z_2 with poles = 2. The share is regular at 0 (no lag) and a pure lag at 1.
 
     References: Fleming (2013), Sensors and Actuators A 190, 106-126 (sensor bandwidth).
     """
 
+    poles: int = 1
     place = Place.OUTPUT
-    z = State("m", "lagged position")
+    z = State("m", "lagged position, pole by pole", size="poles")
     share = Parameter(
         "1", "share of the reading that lags", nominal=0.0, bounds=(0.0, 1.0), typical=(0.2, 1.0),
         null=0.0,
@@ -30,12 +33,25 @@ class SensorLag(Effect):
     tau = Parameter(
         "s", "time constant of the sensor", nominal=1e-3, bounds=(1e-7, 0.2), typical=(1e-5, 1e-2)
     )
+    ratio = Parameter(
+        "1", "second time constant over the first", nominal=0.2, bounds=(0.03, 1.0),
+        typical=(0.05, 0.5), fixed=True, detail=True,
+    )  # fmt: skip
+
+    def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
+        """A short delay is a lag of that time constant."""
+        return {"share": 1.0, "tau": own["T"]} if other == "delay" else None
+
+    def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
+        """With the second pole."""
+        return replace(self, poles=2), ({} if self.poles == 2 else {"tau": own["tau"] / 1.2})
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
-        """The outgoing reading and the lagged state."""
+        """The outgoing reading and the lagged states."""
         seen = chain.incoming.value
+        taus = (p.tau, p.ratio * p.tau)[: self.poles]
         return Equations(
-            gives=seen + p.share * (x.z - seen),
-            moves={"z": (seen - x.z) / p.tau},
-            starts={"z": seen},
+            gives=seen + p.share * (x.z[self.poles - 1] - seen),
+            moves={"z": lag_rates(x.z, seen, taus)},
+            starts={"z": stack([seen] * self.poles)},
         )

@@ -7,7 +7,7 @@ from math import pi
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
-from piezo_opt.symbolic import sin
+from piezo_opt.symbolic import cos, sin
 
 
 @final
@@ -15,9 +15,10 @@ from piezo_opt.symbolic import sin
 class SensorNonlinearity(Effect):
     """Periodic error of a two-beam interferometer, once every half wavelength.
 
-        y = x + a sin(4 pi x / wavelength + phi)
+        y = x + a [sin p + s2 sin 2p + c2 cos 2p],   p = 4 pi x / wavelength + phi
 
-    The wavelength is kept at that of a helium-neon laser unless set.
+    The wavelength is kept at that of a helium-neon laser unless set or freed. The second harmonic
+    (unequal gains, wrong quadrature) is kept at 0 unless freed.
 
     References: Wu & Deslattes (1998), Applied Optics 37(28) (periodic nonlinearity in heterodyne
     interferometry, also homodyne).
@@ -37,11 +38,20 @@ class SensorNonlinearity(Effect):
     )
     wavelength = Parameter(
         "m", "wavelength of the laser", nominal=632.8e-9, bounds=(1e-8, 1e-2),
-        typical=(4e-7, 1.6e-6), fixed=True,
+        typical=(4e-7, 1.6e-6), fixed=True, detail=True,
+    )  # fmt: skip
+    s2 = Parameter(
+        "1", "second harmonic, sine", nominal=0.0, bounds=(-10.0, 10.0), typical=(-0.1, 0.1),
+        fixed=True, detail=True,
+    )  # fmt: skip
+    c2 = Parameter(
+        "1", "second harmonic, cosine", nominal=0.0, bounds=(-10.0, 10.0), typical=(-0.1, 0.1),
+        fixed=True, detail=True,
     )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing reading."""
         seen = chain.incoming.value
         angle = 4.0 * pi * seen / p.wavelength + p.phi
-        return Equations(gives=seen + p.a * sin(angle))
+        error = sin(angle) + p.s2 * sin(2.0 * angle) + p.c2 * cos(2.0 * angle)
+        return Equations(gives=seen + p.a * error)

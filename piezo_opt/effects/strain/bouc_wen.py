@@ -38,7 +38,9 @@ class BoucWen(Effect):
     gamma = Parameter(
         "1/V", "roundness of the loop", nominal=0.0, bounds=(-1e3, 1e3), typical=(-2e-2, 2e-2)
     )
-    n = Parameter("1", "exponent", nominal=1.0, bounds=(1.0, 4.0), typical=(1.0, 2.0), fixed=True)
+    n = Parameter(
+        "1", "exponent", nominal=1.0, bounds=(1.0, 4.0), typical=(1.0, 2.0), fixed=True, detail=True
+    )
     h_s = Parameter(
         "m", "displacement at which the exponent pivots", nominal=1e-6, bounds=(1e-12, 1.0),
         fixed=True,

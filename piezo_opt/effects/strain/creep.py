@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import log
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
-from piezo_opt.symbolic import stack, sum_
+from piezo_opt.symbolic import exp, stack
 
 
 @final
@@ -15,10 +17,11 @@ class Creep(Effect):
     """Slow strain that follows the free displacement through a Kelvin-Voigt chain.
 
         tau_i z_i' = s - z_i,   tau_i = tau 10^(i-1),   i = 1..k
-        s += c / k (z_1 + ... + z_k)
+        s += c (w_1 z_1 + ... + w_k z_k),   w_i = 10^(power i) / sum_j 10^(power j)
 
-    One element a decade with equal weights 1/k approximates logarithmic creep,
-    L(t) = L0 (1 + g lg(t / 0.1 s)). The weight stands at the sum and not at the elements' input,
+    One element a decade with equal weights approximates logarithmic creep,
+    L(t) = L0 (1 + g lg(t / 0.1 s)); power, kept at 0 unless freed, is the exponent of fractional
+    creep, t^power. The weight stands at the sum and not at the elements' input,
     so that creep vanishes with c even where a record begins with elements away from rest.
 
     References: Croft, Shed & Devasia (2001), J. Dyn. Sys. Meas. Control 123(1), 35-43.
@@ -36,7 +39,21 @@ class Creep(Effect):
         "s", "shortest time constant", nominal=0.1, bounds=(1e-4, 1e4), typical=(3e-2, 10.0)
     )
 
+    power = Parameter(
+        "1", "growth of the weights per decade", nominal=0.0, bounds=(-1.0, 1.0),
+        typical=(-0.3, 0.3), fixed=True, detail=True,
+    )  # fmt: skip
+
+    def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
+        """A chain of five elements about the same decades."""
+        added = max(0, 5 - self.elements)
+        start = {"tau": own["tau"] / 10.0 ** (added // 2)} if added else {}
+        return replace(self, elements=self.elements + added), start
+
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement; each element relaxes towards it."""
-        rates = [(chain.free.value - x.z[i]) / (p.tau * 10.0**i) for i in range(self.elements)]
-        return Equations(gives=p.c / self.elements * sum_(x.z), moves={"z": stack(rates)})
+        chain_of = range(self.elements)
+        rates = [(chain.free.value - x.z[i]) / (p.tau * 10.0**i) for i in chain_of]
+        weights = [exp(p.power * (i * log(10.0))) for i in chain_of]
+        sum_of = sum(w * x.z[i] for i, w in enumerate(weights)) / sum(weights)
+        return Equations(gives=p.c * sum_of, moves={"z": stack(rates)})

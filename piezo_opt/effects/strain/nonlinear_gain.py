@@ -29,7 +29,7 @@ class NonlinearGain(Effect):
     )  # fmt: skip
     ratio = Parameter(
         "1/V", "cubic over quadratic coefficient", nominal=0.0, bounds=(-1e3, 1e3),
-        typical=(-1e-2, 1e-2), fixed=True,
+        typical=(-1e-2, 1e-2), fixed=True, detail=True,
     )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:

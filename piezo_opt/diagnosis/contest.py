@@ -1,0 +1,123 @@
+"""Before an effect is named: every contender gets its best chance.
+
+A fit that lacks an effect is bent by it: its loop has another roundness, its mechanics seem
+overdamped. From there the fit with the right effect may end in a minimum of its own, and a wrong
+effect in a better one. Where the best refit leaves more than noise, the contenders are therefore
+fitted again from a fresh start, with the mechanics where those were left out, and in the details
+of their shapes, and only then compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+from piezo_opt.diagnosis.noise import noise_floor
+from piezo_opt.diagnosis.refinements import mechanics_trial, plausible, shape_refinements
+from piezo_opt.diagnosis.rung import Rung, Trial, bic_gain, judged, solved
+from piezo_opt.diagnosis.scores import Suspect
+from piezo_opt.effects.base import Place
+from piezo_opt.errors import PiezoOptError
+from piezo_opt.identification import Fit, Identification
+from piezo_opt.identification.shapes import own
+from piezo_opt.identification.starting import joint_start
+
+_EXPLAINED = 1.25
+"""Error over the noise floor up to which nothing is left to be won."""
+_NEAR = 2.5
+"""Error over the best contender's up to which another one is still in the contest."""
+_MOST = 4
+_ITERATIONS = 40
+
+
+def contest(fit: Fit, rungs: Sequence[Rung], given: Identification, threads: int) -> list[Rung]:
+    """Rungs with the contenders' best fits, judged and sorted.
+
+    Args:
+        fit: the fit below.
+        rungs: its refits.
+        given: the question at the foot of the ladder.
+        threads: contenders that are fitted at a time.
+    """
+    first = judged(fit, rungs)
+    named = _best_of_each(rungs)
+    if not named:
+        return first
+    least = min(rungs, key=lambda r: r.fit.rms).fit
+    if least.rms <= _EXPLAINED * noise_floor(least).rms:
+        return first
+    contenders = [r for r in named if r.fit.rms < _NEAR * named[0].fit.rms][:_MOST]
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        best = list(pool.map(lambda r: _chance(fit, r, given), contenders))
+        # Whoever can do exactly what another one does begins there as well.
+        pairs = [(r, other) for r in best for other in best if other is not r]
+        best += [r for r in pool.map(lambda pair: _after(fit, *pair), pairs) if r is not None]
+    return judged(fit, [*rungs, *best])
+
+
+def _best_of_each(rungs: Sequence[Rung]) -> list[Rung]:
+    best: dict[str, Rung] = {}
+    for rung in sorted(rungs, key=lambda r: r.fit.rms):
+        if rung.suspect is not None:
+            best.setdefault(rung.suspect.name, rung)
+    return list(best.values())
+
+
+def _chance(fit: Fit, rung: Rung, given: Identification) -> Rung:
+    """The best fit that a contender can be brought to."""
+    assert rung.suspect is not None
+    best = rung
+    if all(effect.structural for _, effect in fit.model):
+        best = _better(fit, best, _fresh(fit, rung.suspect, given), rung.suspect)
+    best = _better(fit, best, mechanics_trial(best.fit, given), rung.suspect)
+    return _shaped(fit, best, rung.suspect)
+
+
+def _after(fit: Fit, rung: Rung, other: Rung) -> Rung | None:
+    """A contender that begins at what another one does, where it can; None where it cannot."""
+    assert rung.suspect is not None
+    assert other.suspect is not None
+    theirs, name = other.suspect.name, rung.suspect.name
+    imitated = rung.suspect.effect.like(theirs, own(other.fit.values, theirs))
+    if imitated is None:
+        return None
+    model = other.fit.model.replaced(theirs, rung.suspect.effect)
+    start = {**other.fit.values, **{f"{name}.{k}": v for k, v in imitated.items()}}
+    trial = Trial(other.fit.question.with_model(model), start, rung.suspect)
+    best = _better(fit, rung, trial, rung.suspect)
+    return None if best is rung else _shaped(fit, best, rung.suspect)
+
+
+def _shaped(fit: Fit, best: Rung, suspect: Suspect) -> Rung:
+    for trial in shape_refinements(best.fit):
+        if all(name.startswith(f"{suspect.name}.") for name in trial.refines):
+            best = _better(fit, best, trial, suspect)
+    return best
+
+
+def _better(fit: Fit, best: Rung, trial: Trial | None, suspect: Suspect) -> Rung:
+    if trial is None:
+        return best
+    try:
+        richer = solved(trial.question, trial.start, _ITERATIONS)
+    except (PiezoOptError, ArithmeticError, ValueError):
+        return best
+    other = Rung(replace(trial, suspect=suspect), richer, bic_gain(fit, richer))
+    return other if plausible(other) and bic_gain(best.fit, richer) > 0 else best
+
+
+def _fresh(fit: Fit, suspect: Suspect, given: Identification) -> Trial | None:
+    """The contender beside a base model that has forgotten what it was bent to without it."""
+    forced = fit.model.quasi_static and suspect.effect.place is Place.MOTION
+    question = suspect.base.question if forced else fit.question
+    model = question.model + suspect.effect
+    kept = {name for name, effect in fit.model if not effect.structural}
+    values = {k: v for k, v in fit.values.items() if k.split(".")[0] in kept}
+    question = replace(question, free=given.free, values={**given.given(), **values})
+    question = question.with_model(model)
+    try:
+        start = joint_start(question, model.names[-1])
+    except (PiezoOptError, ArithmeticError, ValueError):
+        return None
+    return Trial(question, start, suspect)

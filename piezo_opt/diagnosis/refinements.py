@@ -1,0 +1,114 @@
+"""What the model has already, in more detail: tried before an effect of another name is asked for.
+
+Two things are no missing effects. The *details* of a present effect's shape (the exponent of a
+loop, the roundness of a knee) are kept fixed until the record pays for them. And the *mechanics*
+of an actuator are there even where its first fit had to leave them out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from piezo_opt.diagnosis.rung import Rung, Trial, solved
+from piezo_opt.effects.motion.second_order import SecondOrder
+from piezo_opt.errors import PiezoOptError
+from piezo_opt.identification import Fit, Identification
+from piezo_opt.identification.shapes import detail_start, own
+from piezo_opt.identification.starting import resonance_start
+
+_STIFF = (4.0, 12.0, 40.0)
+"""Natural frequencies of mechanics too fast to be seen, over the sampling rate."""
+_UNSEEN = 1.02
+"""Error over the quasi-static one's up to which mechanics count as too fast to be seen."""
+_DAMPED = 0.7
+"""Mechanics with more damping have no peak and no ringing: a lag would do as well."""
+
+
+def refinements(fit: Fit, given: Identification) -> list[Trial]:
+    """Richer questions about the effects that a fit's model has.
+
+    Args:
+        fit: the fit.
+        given: the question at the foot of the ladder; what the user fixed there stays fixed.
+    """
+    return [*base_refinements(fit, given), *shape_refinements(fit)]
+
+
+def shape_refinements(fit: Fit) -> list[Trial]:
+    """Details of the effects that were added to the base model."""
+    names = [name for name, effect in fit.model if not effect.structural]
+    return [t for t in (_details(fit, name) for name in names) if t is not None]
+
+
+def base_refinements(fit: Fit, given: Identification) -> list[Trial]:
+    """Details of the base model, and its mechanics where they were left out."""
+    names = [name for name, effect in fit.model if effect.structural]
+    trials = [t for t in (_details(fit, name) for name in names) if t is not None]
+    mechanics = mechanics_trial(fit, given)
+    return trials if mechanics is None else [*trials, mechanics]
+
+
+def plausible(rung: Rung) -> bool:
+    """Whether mechanics that joined show a resonance: a lag in their guise is none."""
+    return all(
+        rung.fit.values[f"{name}.zeta"] < _DAMPED for name in rung.trial.refines if "." not in name
+    )
+
+
+def stiffened(fit: Fit) -> Fit | None:
+    """A quasi-static fit with mechanics too fast to be seen, for forces.
+
+    A force then acts as the displacement F / omega^2. None where the record sees any mechanics
+    that the scheme can follow.
+    """
+    model = fit.model + SecondOrder()
+    name = model.names[-1]
+    step = min(record.step for record in fit.records)
+    question = fit.question.with_model(model)
+    for fast in _STIFF:
+        held = {**question.fixed, f"{name}.omega": fast / step, f"{name}.zeta": 0.3}
+        try:
+            stiff = solved(replace(question, fixed=held), fit.values, 10)
+        except (PiezoOptError, ArithmeticError):
+            continue
+        if stiff.rms <= _UNSEEN * fit.rms:
+            return stiff
+    return None
+
+
+def _details(fit: Fit, name: str) -> Trial | None:
+    """One effect in more detail: its finer form, and the details of its shape freed."""
+    effect = fit.model[name]
+    values = own(fit.values, name)
+    finer, start = effect.finer(values)
+    details = [
+        k for k, p in finer.parameters.items()
+        if p.detail and f"{name}.{k}" not in (*fit.question.free, *fit.question.fixed)
+    ]  # fmt: skip
+    if finer == effect and not details:
+        return None
+    record = fit.question.campaign.records[0]
+    freed = tuple(f"{name}.{k}" for k in details)
+    question = fit.question.with_model(fit.model.replaced(name, finer))
+    question = replace(question, free=(*question.free, *freed))
+    begin = {k: detail_start(finer.parameters[k], record) for k in details}
+    moved = {f"{name}.{k}": v for k, v in {**start, **begin}.items()}
+    return Trial(question, {**fit.values, **moved}, refines=freed or (name,))
+
+
+def mechanics_trial(fit: Fit, given: Identification) -> Trial | None:
+    """Free mechanics for a fit that has none, or that has them too fast to be seen."""
+    unseen = next((n for n, e in fit.model if isinstance(e, SecondOrder)), "")
+    model, fixed = fit.model, dict(fit.question.fixed)
+    if fit.model.quasi_static:
+        model = model + SecondOrder()
+        unseen = model.names[-1]
+    elif f"{unseen}.omega" not in fixed or f"{unseen}.omega" in given.fixed:
+        return None
+    fixed = {k: v for k, v in fixed.items() if not k.startswith(f"{unseen}.")}
+    question = replace(fit.question, fixed=fixed).with_model(model)
+    try:
+        found = resonance_start(question, fit.values, fit.residual(0), unseen)
+    except (PiezoOptError, ArithmeticError):
+        return None
+    return None if found is None else Trial(question, found, refines=(unseen,))

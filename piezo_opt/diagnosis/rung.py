@@ -1,0 +1,148 @@
+"""One rung of the ladder: what may be tried at a fit, refitted in a race, and judged by BIC."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from piezo_opt.diagnosis.scores import Suspect, effective_samples
+from piezo_opt.errors import PiezoOptError
+from piezo_opt.identification import (
+    Ending,
+    Fit,
+    Identification,
+    LevenbergMarquardt,
+    SingleShooting,
+    solve,
+)
+
+STRONG = 10.0
+"""Difference of BIC that counts as very strong evidence (Kass & Raftery 1995)."""
+_FIRST, _LATER = 10, 30
+"""Iterations of a refit before and after it is decided which are worth following."""
+_RACE = 1.5
+"""Error over the best rival's beyond which a refit is out of the race."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A richer question and where its fit begins.
+
+    Attributes:
+        question: the richer question.
+        start: values to begin at.
+        suspect: the effect that is added; None for a refinement of what the model has.
+        refines: what a refinement frees or adds, by name.
+    """
+
+    question: Identification
+    start: Mapping[str, float]
+    suspect: Suspect | None = None
+    refines: tuple[str, ...] = ()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """A trial and its fit.
+
+    Attributes:
+        trial: what was tried.
+        fit: the richer fit.
+        delta_bic: by how much BIC falls.
+    """
+
+    trial: Trial
+    fit: Fit
+    delta_bic: float
+
+    @property
+    def suspect(self) -> Suspect | None:
+        """The effect that was added; None for a refinement."""
+        return self.trial.suspect
+
+
+def adding(suspect: Suspect) -> Trial:
+    """The model with a suspect, started at its one-step size, shapes free."""
+    fit = suspect.base
+    model = fit.model + suspect.effect
+    name = model.names[-1]
+    gate = suspect.effect.parameters[suspect.effect.gate or ""]
+    size = float(np.clip(suspect.size, *gate.bounds))
+    start = {
+        **fit.values,
+        **{f"{name}.{k}": v for k, v in suspect.shapes.items()},
+        f"{name}.{suspect.effect.gate}": size,
+    }
+    return Trial(fit.question.with_model(model), start, suspect)
+
+
+def solved(question: Identification, start: Mapping[str, float], iterations: int = 40) -> Fit:
+    """A fit good enough to compare models by; an interrupt ends the ladder, not only this fit."""
+    fit = solve(
+        question,
+        start=start,
+        solver=LevenbergMarquardt(iterations=iterations, tolerance=1e-6),
+        transcription=SingleShooting(refine=False),
+    )
+    if fit.outcome.ending is Ending.INTERRUPTED:
+        raise KeyboardInterrupt
+    return fit
+
+
+def race(fit: Fit, trials: Sequence[Trial], threads: int) -> list[Rung]:
+    """Refit all trials; only those that are still near the best are followed to their end."""
+
+    def one(trial: Trial) -> Rung | None:
+        try:
+            richer = solved(trial.question, trial.start, _FIRST)
+        except (PiezoOptError, ArithmeticError, ValueError):
+            return None
+        return Rung(trial, richer, bic_gain(fit, richer))
+
+    def further(rung: Rung) -> Rung:
+        richer = solved(rung.fit.question, rung.fit.values, _LATER)
+        return replace(rung, fit=richer, delta_bic=bic_gain(fit, richer))
+
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        rungs = [rung for rung in pool.map(one, trials) if rung is not None]
+        if not rungs:
+            return []
+        near = _RACE * min(r.fit.rms for r in rungs)
+        ended = [r for r in rungs if r.fit.rms > near or r.fit.outcome.success]
+        running = [r for r in rungs if r.fit.rms <= near and not r.fit.outcome.success]
+        return [*ended, *pool.map(further, running)]
+
+
+def judged(before: Fit, rungs: Sequence[Rung]) -> list[Rung]:
+    """Rungs with strong evidence, best first, on the samples that the closest fit leaves free."""
+    if not rungs:
+        return []
+    closest = min(rungs, key=lambda r: r.fit.rms)
+    n = effective_samples(closest.fit.residuals)
+    counted = [replace(r, delta_bic=bic_gain(before, r.fit, n)) for r in rungs]
+    return sorted((r for r in counted if r.delta_bic > STRONG), key=lambda r: -r.delta_bic)
+
+
+def bic_gain(before: Fit, after: Fit, samples: float | None = None) -> float:
+    """By how much BIC falls from one fit to a richer one, on as many samples as carry news.
+
+        N_e ln(SSR_0 / SSR_1) - (k_1 - k_0) ln N_e
+
+    with N_e the effective number of samples, from the richer fit's residuals unless given.
+    Rivals are compared with the same N_e.
+
+    Source: Schwarz (1978), Annals of Statistics 6(2), 461-464.
+    """
+    n = effective_samples(after.residuals) if samples is None else samples
+    ssr0 = float(before.residuals @ before.residuals)
+    ssr1 = float(after.residuals @ after.residuals)
+    if not np.isfinite(ssr1) or ssr1 <= 0:
+        return -np.inf
+    more = len(after.names) - len(before.names)
+    return n * float(np.log(ssr0 / ssr1)) - more * float(np.log(max(n, 2.0)))
