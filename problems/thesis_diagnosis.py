@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import piezo_opt as po
-from piezo_opt.diagnosis.ladder import bic_gain, refit
+from piezo_opt.diagnosis.rung import adding, bic_gain, solved
 from piezo_opt.effects import BoucWen, PiezoGain, SecondOrder
 
 RIVALS = ("creep", "hysteretic_force", "drift", "sensor_curvature", "friction", "asymmetry")
@@ -50,7 +50,8 @@ def tolerance() -> Mapping[str, float]:
 def rivals(diagnosis: po.Diagnosis) -> Mapping[str, tuple[float, float]]:
     """Error [m] after refitting with each rival alone, and by how much BIC falls."""
     suspects = {s.name: s for s in diagnosis.suspects}
-    fits = {name: refit(diagnosis.fit, suspects[name], 100) for name in RIVALS}
+    trials = {name: adding(suspects[name]) for name in RIVALS}
+    fits = {name: solved(trial.question, trial.start, 100) for name, trial in trials.items()}
     return {name: (fit.rms, bic_gain(diagnosis.fit, fit)) for name, fit in fits.items()}
 
 

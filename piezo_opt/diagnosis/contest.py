@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 from piezo_opt.diagnosis.noise import noise_floor
-from piezo_opt.diagnosis.refinements import mechanics_trial, plausible, shape_refinements
+from piezo_opt.diagnosis.refinements import base_refinements, plausible, shape_refinements
 from piezo_opt.diagnosis.rung import Rung, Trial, bic_gain, judged, solved
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.effects.base import Place
@@ -23,10 +23,12 @@ from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.shapes import own
 from piezo_opt.identification.starting import joint_start
 
-_EXPLAINED = 1.25
+_EXPLAINED = 1.08
 """Error over the noise floor up to which nothing is left to be won."""
 _NEAR = 2.5
 """Error over the best contender's up to which another one is still in the contest."""
+_WORTH = 1.5
+"""Error of a fresh start over the other's beyond which it is not followed."""
 _MOST = 4
 _ITERATIONS = 40
 
@@ -45,7 +47,7 @@ def contest(fit: Fit, rungs: Sequence[Rung], given: Identification, threads: int
     if not named:
         return first
     least = min(rungs, key=lambda r: r.fit.rms).fit
-    if least.rms <= _EXPLAINED * noise_floor(least).rms:
+    if least.rms <= _EXPLAINED * noise_floor(least).rms and not least.model.quasi_static:
         return first
     contenders = [r for r in named if r.fit.rms < _NEAR * named[0].fit.rms][:_MOST]
     with ThreadPoolExecutor(max_workers=threads) as pool:
@@ -65,13 +67,24 @@ def _best_of_each(rungs: Sequence[Rung]) -> list[Rung]:
 
 
 def _chance(fit: Fit, rung: Rung, given: Identification) -> Rung:
-    """The best fit that a contender can be brought to."""
+    """The best fit that a contender can be brought to, from where it is and from a fresh start."""
     assert rung.suspect is not None
-    best = rung
+    best = _founded(fit, rung, given)
     if all(effect.structural for _, effect in fit.model):
-        best = _better(fit, best, _fresh(fit, rung.suspect, given), rung.suspect)
-    best = _better(fit, best, mechanics_trial(best.fit, given), rung.suspect)
+        fresh = _fitted(fit, _fresh(fit, rung.suspect, given), rung.suspect)
+        if fresh is not None and fresh.fit.rms < _WORTH * best.fit.rms:
+            fresh = _founded(fit, fresh, given)
+            if bic_gain(best.fit, fresh.fit) > 0:
+                best = fresh
     return _shaped(fit, best, rung.suspect)
+
+
+def _founded(fit: Fit, best: Rung, given: Identification) -> Rung:
+    """A contender with the base model in the detail that it then pays for."""
+    assert best.suspect is not None
+    for trial in base_refinements(best.fit, given):
+        best = _better(fit, best, trial, best.suspect)
+    return best
 
 
 def _after(fit: Fit, rung: Rung, other: Rung) -> Rung | None:
@@ -96,15 +109,21 @@ def _shaped(fit: Fit, best: Rung, suspect: Suspect) -> Rung:
     return best
 
 
-def _better(fit: Fit, best: Rung, trial: Trial | None, suspect: Suspect) -> Rung:
+def _better(fit: Fit, best: Rung, trial: Trial, suspect: Suspect) -> Rung:
+    other = _fitted(fit, trial, suspect)
+    return best if other is None or bic_gain(best.fit, other.fit) <= 0 else other
+
+
+def _fitted(fit: Fit, trial: Trial | None, suspect: Suspect) -> Rung | None:
+    """A trial and its fit; None where it has none, or an implausible one."""
     if trial is None:
-        return best
+        return None
     try:
         richer = solved(trial.question, trial.start, _ITERATIONS)
     except (PiezoOptError, ArithmeticError, ValueError):
-        return best
-    other = Rung(replace(trial, suspect=suspect), richer, bic_gain(fit, richer))
-    return other if plausible(other) and bic_gain(best.fit, richer) > 0 else best
+        return None
+    rung = Rung(replace(trial, suspect=suspect), richer, bic_gain(fit, richer))
+    return rung if plausible(rung) else None
 
 
 def _fresh(fit: Fit, suspect: Suspect, given: Identification) -> Trial | None:

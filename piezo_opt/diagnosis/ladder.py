@@ -34,14 +34,12 @@ _WORTH = 0.02
 """Share by which the error must fall for an effect to be worth a name."""
 _TELLING = 0.02
 """Score worth a refit when structure is left and no score is significant."""
-_UNSURE = 4
-"""Suspects that are refitted then."""
+_UNSURE = 3
+"""Suspects that are refitted then, beside the significant ones."""
 _ABOVE = 1.3
 """Residual over the floor at the highest frequencies from which it may be no noise."""
 _SKETCH = 2
 """Iterations after which a fit is not bent yet."""
-_SEEN = 0.8
-"""Error predicted from there, over the fit's, below which a suspect is refitted."""
 _ALIKE = 0.9
 """Cosine at the foot from which two effects are the same physics in two shapes."""
 _KIN = 0.6
@@ -131,13 +129,13 @@ def climb(
     bar = SIGNIFICANT if held.record is not None else SHORT
     for _ in range(_MOST_ROUNDS):
         likely = [s for s in now if s.p_value < bar]
-        if not likely and _unsettled(fit):
+        short = _shortlist(likely, now) if likely else []
+        if _unsettled(fit):
             # A residual in a few bursts, or as slow as slow noise, leaves no score significant:
             # let refits tell.
-            likely = [s for s in now if s.score > _TELLING][:_UNSURE]
-        short = _shortlist(likely, now) if likely else []
-        if not steps and _unsettled(fit):
-            short += _unbent(fit, baseline.question, candidates, short, threads)
+            short += _further(now, short)
+            if not steps:
+                short += _further(_unbent(fit, baseline.question, candidates, threads), short)
         trials = refinements(fit, baseline.question)
         if not short and not trials:
             break
@@ -209,9 +207,8 @@ def _unbent(
     fit: Fit,
     given: Identification,
     candidates: Sequence[Effect],
-    short: Sequence[Suspect],
     threads: int,
-) -> list[Suspect]:
+) -> Sequence[Suspect]:
     """Suspects by the look of a base model that has not been bent to do without them.
 
     A fit that lacks an effect may have run far away to imitate it (a loop so wide that it drifts).
@@ -223,10 +220,16 @@ def _unbent(
         sketch = solved(question, starting_values(question, Monitor(())), _SKETCH)
         suspects, _ = _scored(sketch, candidates, threads)
     except (PiezoOptError, ArithmeticError):
-        return []
+        return ()
+    return [s for s in suspects if s.predicted_rms < fit.rms]
+
+
+def _further(suspects: Sequence[Suspect], short: Sequence[Suspect]) -> list[Suspect]:
+    """The likeliest few that are not on the list yet."""
     listed = {s.name for s in short}
-    better = [s for s in suspects if s.name not in listed and s.predicted_rms < _SEEN * fit.rms]
-    return list({s.name: s for s in reversed(better)}.values())[::-1][:_UNSURE]
+    left = {s.name: s for s in reversed(suspects) if s.name not in listed}
+    likeliest = sorted(left.values(), key=lambda s: -s.score)
+    return [s for s in likeliest if s.score > _TELLING][:_UNSURE]
 
 
 def _founded(

@@ -16,7 +16,7 @@ from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.shapes import detail_start, own
 from piezo_opt.identification.starting import resonance_start
 
-_STIFF = (4.0, 12.0, 40.0)
+_STIFF = (12.0, 40.0)
 """Natural frequencies of mechanics too fast to be seen, over the sampling rate."""
 _UNSEEN = 1.02
 """Error over the quasi-static one's up to which mechanics count as too fast to be seen."""
@@ -50,9 +50,7 @@ def base_refinements(fit: Fit, given: Identification) -> list[Trial]:
 
 def plausible(rung: Rung) -> bool:
     """Whether mechanics that joined show a resonance: a lag in their guise is none."""
-    return all(
-        rung.fit.values[f"{name}.zeta"] < _DAMPED for name in rung.trial.refines if "." not in name
-    )
+    return all(rung.fit.values.get(f"{name}.zeta", 0.0) < _DAMPED for name in rung.trial.refines)
 
 
 def stiffened(fit: Fit) -> Fit | None:
@@ -66,7 +64,7 @@ def stiffened(fit: Fit) -> Fit | None:
     step = min(record.step for record in fit.records)
     question = fit.question.with_model(model)
     for fast in _STIFF:
-        held = {**question.fixed, f"{name}.omega": fast / step, f"{name}.zeta": 0.3}
+        held = {**question.fixed, f"{name}.omega": fast / step, f"{name}.zeta": 1.0}
         try:
             stiff = solved(replace(question, fixed=held), fit.values, 10)
         except (PiezoOptError, ArithmeticError):

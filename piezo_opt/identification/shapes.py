@@ -69,9 +69,9 @@ def _values(parameter: Parameter, record: Measurement, residual: FloatArray) -> 
         rare = speed.max() * np.array([0.05, 0.15, 0.4, 0.8])
         return _numbers(np.unique(np.concatenate([usual, rare])))
     if unit == "m":
-        return _numbers(stroke * np.geomspace(0.003, 0.3, 4))
+        return _numbers(stroke * np.geomspace(0.004, 0.3, 7))
     if unit == "1/m":
-        return _numbers(np.geomspace(0.3, 30.0, 4) / stroke)
+        return _numbers(np.geomspace(0.5, 100.0, 6) / stroke)
     if unit == "1/V":
         return _numbers(np.geomspace(0.3, 30.0, 4) / swing)
     if unit == "rad/s":

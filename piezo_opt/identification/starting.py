@@ -31,6 +31,8 @@ FloatArray = NDArray[np.float64]
 
 _WIDTHS = (1.0, 3.0, 10.0)
 """Trial widths of the loop, times one over the drive's range."""
+_JOINT_WIDTHS = (1.0, 2.0, 4.0, 8.0)
+"""The same, searched together with the shapes of an effect."""
 _ROUNDNESSES = (0.0, -1.0, 0.8)
 """Trial roundnesses, as a share of the width."""
 _DAMPINGS = (0.1, 0.02, 0.5)
@@ -38,7 +40,7 @@ _ROUGH = 1e-3
 """Error of the scheme that trials may have, as a share of the reading's range."""
 _STRETCH = 2500
 """Samples that are enough to choose a resonance by."""
-_FOLLOWED = 3
+_FOLLOWED = 4
 """Joint trials that are followed by a few Gauss-Newton steps."""
 _CHEAP = 1000
 """Samples up to which several trials are followed by a few Gauss-Newton steps."""
@@ -183,7 +185,7 @@ def joint_start(question: Identification, name: str) -> Values:
     trials = []
     for shapes in shape_grid(model[name], record, residual):
         own = {f"{name}.{k}": v for k, v in shapes.items()}
-        for width in (*_WIDTHS, None) if widths else (None,):
+        for width in (*_JOINT_WIDTHS, None) if widths else (None,):
             wide = {} if width is None else {**dict.fromkeys(widths, width / swing),
                                              **dict.fromkeys(gammas, 0.0)}  # fmt: skip
             trials.append(search.trial({**start, **own, **wide}, (gate,)))

@@ -7,7 +7,8 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, hold_out, rms
-from piezo_opt.diagnosis.ladder import Ladder, bic_gain, climb
+from piezo_opt.diagnosis.ladder import Ladder, climb
+from piezo_opt.diagnosis.rung import bic_gain
 from piezo_opt.effects import (
     AmplifierLag,
     Asymmetry,
