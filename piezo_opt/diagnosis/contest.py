@@ -46,8 +46,7 @@ def contest(fit: Fit, rungs: Sequence[Rung], given: Identification, threads: int
     named = _best_of_each(rungs)
     if not named:
         return first
-    least = min(rungs, key=lambda r: r.fit.rms).fit
-    if least.rms <= _EXPLAINED * noise_floor(least).rms and not least.model.quasi_static:
+    if explained(min(rungs, key=lambda r: r.fit.rms).fit):
         return first
     contenders = [r for r in named if r.fit.rms < _NEAR * named[0].fit.rms][:_MOST]
     with ThreadPoolExecutor(max_workers=threads) as pool:
@@ -56,6 +55,11 @@ def contest(fit: Fit, rungs: Sequence[Rung], given: Identification, threads: int
         pairs = [(r, other) for r in best for other in best if other is not r]
         best += [r for r in pool.map(lambda pair: _after(fit, *pair), pairs) if r is not None]
     return judged(fit, [*rungs, *best])
+
+
+def explained(fit: Fit) -> bool:
+    """Whether a fit leaves but noise, and leaves out no mechanics that a contender may need."""
+    return fit.rms <= _EXPLAINED * noise_floor(fit).rms and not fit.model.quasi_static
 
 
 def _best_of_each(rungs: Sequence[Rung]) -> list[Rung]:
@@ -70,12 +74,11 @@ def _chance(fit: Fit, rung: Rung, given: Identification) -> Rung:
     """The best fit that a contender can be brought to, from where it is and from a fresh start."""
     assert rung.suspect is not None
     best = _founded(fit, rung, given)
-    if all(effect.structural for _, effect in fit.model):
-        fresh = _fitted(fit, _fresh(fit, rung.suspect, given), rung.suspect)
-        if fresh is not None and fresh.fit.rms < _WORTH * best.fit.rms:
-            fresh = _founded(fit, fresh, given)
-            if bic_gain(best.fit, fresh.fit) > 0:
-                best = fresh
+    fresh = _fitted(fit, _fresh(fit, rung.suspect, given), rung.suspect)
+    if fresh is not None and fresh.fit.rms < _WORTH * best.fit.rms:
+        fresh = _founded(fit, fresh, given)
+        if bic_gain(best.fit, fresh.fit) > 0:
+            best = fresh
     return _shaped(fit, best, rung.suspect)
 
 
@@ -128,15 +131,29 @@ def _fitted(fit: Fit, trial: Trial | None, suspect: Suspect) -> Rung | None:
 
 def _fresh(fit: Fit, suspect: Suspect, given: Identification) -> Trial | None:
     """The contender beside a base model that has forgotten what it was bent to without it."""
-    forced = fit.model.quasi_static and suspect.effect.place is Place.MOTION
-    question = suspect.base.question if forced else fit.question
+    question = forgetful(fit, given)
+    if fit.model.quasi_static and suspect.effect.place is Place.MOTION:
+        stiff = suspect.base.question
+        question = replace(question.with_model(stiff.model), fixed=stiff.fixed)
     model = question.model + suspect.effect
-    kept = {name for name, effect in fit.model if not effect.structural}
-    values = {k: v for k, v in fit.values.items() if k.split(".")[0] in kept}
-    question = replace(question, free=given.free, values={**given.given(), **values})
-    question = question.with_model(model)
     try:
-        start = joint_start(question, model.names[-1])
+        start = joint_start(question.with_model(model), model.names[-1])
     except (PiezoOptError, ArithmeticError, ValueError):
         return None
-    return Trial(question, start, suspect)
+    return Trial(question.with_model(model), start, suspect)
+
+
+def forgetful(fit: Fit, given: Identification) -> Identification:
+    """The question of a fit as asked at first: only the effects that were added keep their values.
+
+    Args:
+        fit: the fit.
+        given: the question at the foot of the ladder.
+    """
+    added = {name for name, effect in fit.model if not effect.structural}
+    values = {k: v for k, v in fit.values.items() if k.split(".")[0] in added}
+    freed = tuple(k for k in fit.question.free if k.split(".")[0] in added)
+    return replace(
+        fit.question, free=(*given.free, *(k for k in freed if k not in given.free)),
+        values={**given.given(), **values},
+    )  # fmt: skip

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from piezo_opt.diagnosis.base_point import BasePoint
-from piezo_opt.diagnosis.contest import contest
+from piezo_opt.diagnosis.contest import contest, explained, forgetful
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, rms
 from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.refinements import (
-    base_refinements,
     plausible,
     refinements,
     stiffened,
 )
-from piezo_opt.diagnosis.rung import STRONG, Rung, adding, bic_gain, judged, race, solved
+from piezo_opt.diagnosis.rung import STRONG, Rung, adding, bic_gain, race, solved
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, score
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Effect
@@ -25,13 +28,18 @@ from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.starting import starting_values
 
+FloatArray = NDArray[np.float64]
+
 SIGNIFICANT = 1e-3
 """Corrected p-value below which a suspect is worth a refit."""
 SHORT = 0.05
 """The same where nothing is held out: long-run variances of a few dozen samples say little, and
 strong evidence after the refit asks for more than this by itself."""
-_WORTH = 0.02
-"""Share by which the error must fall for an effect to be worth a name."""
+_WORTH = 0.06
+"""Share by which the error must fall for an effect to be worth a name: less than a third of what
+is left is not."""
+_DETAIL = 0.02
+"""The same for more detail of what the model has."""
 _TELLING = 0.02
 """Score worth a refit when structure is left and no score is significant."""
 _UNSURE = 3
@@ -45,6 +53,8 @@ _ALIKE = 0.9
 _KIN = 0.6
 """Cosine from which a suspect is refitted because it looks like a likely one."""
 _SHORTLIST = 6
+_IN_SIGHT = 2.0
+"""Error over the best rung's beyond which a rung is not asked for its held-out error."""
 _ENOUGH = 1.03
 """Error over the best rung's up to which no other effect is asked for."""
 _MOST_ROUNDS = 7
@@ -120,34 +130,35 @@ def climb(
         tell: called with a sentence about what is going on.
         threads: refits that run at a time.
     """
-    fit, refined = _founded(baseline, held, tell, threads)
+    fit = baseline
     tell("scoring every absent effect")
     suspects, unscored = _scored(fit, candidates, threads)
     first, now = suspects, suspects
     steps: list[Step] = []
+    refined: list[str] = []
     error = error_on(fit, held.record)
     bar = SIGNIFICANT if held.record is not None else SHORT
     for _ in range(_MOST_ROUNDS):
         likely = [s for s in now if s.p_value < bar]
         short = _shortlist(likely, now) if likely else []
-        if _unsettled(fit):
-            # A residual in a few bursts, or as slow as slow noise, leaves no score significant:
-            # let refits tell.
-            short += _further(now, short)
-            if not steps:
-                short += _further(_unbent(fit, baseline.question, candidates, threads), short)
-        trials = refinements(fit, baseline.question)
-        if not short and not trials:
-            break
-        if short:
-            tell(f"refitting with {', '.join(dict.fromkeys(s.name for s in short))}")
-        rungs = race(fit, [*trials, *(adding(s) for s in short)], threads)
+        trials = refinements(fit, held.question)
+        rungs: list[Rung] = []
+        if short or trials:
+            tell(_refitting(short))
+            rungs = race(fit, [*trials, *(adding(s) for s in short)], threads)
+        if not any(explained(r.fit) for r in rungs) and _unsettled(fit, first=not steps):
+            # Scores are taken at a fit that has been bent, and slow residuals leave none of them
+            # significant: let refits tell.
+            more = _further(now, short)
+            more += _further(_unbent(fit, held.question, candidates, threads), ())
+            tell(_refitting(more))
+            rungs += race(fit, [adding(s) for s in more], threads)
         rungs = [r for r in rungs if plausible(r)]
-        rungs = _order(contest(fit, rungs, baseline.question, threads))
+        rungs = contest(fit, rungs, held.question, threads)
         taken: Rung | None = None
-        for rung in rungs:
-            after = error_on(rung.fit, held.record)
-            if rung.fit.rms < (1.0 - _WORTH) * fit.rms and agrees(error, after):
+        for rung, after in _order(rungs, held, threads):
+            worth = _DETAIL if rung.suspect is None else _WORTH
+            if rung.fit.rms < (1.0 - worth) * fit.rms and agrees(error, after):
                 taken = rung
                 break
         if taken is None:
@@ -197,10 +208,15 @@ def climb(
     )
 
 
-def _unsettled(fit: Fit) -> bool:
-    """Whether a residual without a likely suspect may yet be no noise."""
+def _refitting(suspects: Sequence[Suspect]) -> str:
+    names = dict.fromkeys(s.name for s in suspects)
+    return f"refitting with {', '.join(names) or 'more detail'}"
+
+
+def _unsettled(fit: Fit, *, first: bool) -> bool:
+    """Whether a residual may yet be no noise: it shows structure, or (at first) it is slow."""
     floor = noise_floor(fit)
-    return fit.rms > _ABOVE * floor.rms or structure(fit, floor).left
+    return (first and fit.rms > _ABOVE * floor.rms) or structure(fit, floor).left
 
 
 def _unbent(
@@ -215,13 +231,13 @@ def _unbent(
     Scored from where such a fit begins, less what the base parameters explain to first order, the
     effect stands out again.
     """
-    question = given.with_model(fit.model)
+    question = forgetful(fit, given)
     try:
         sketch = solved(question, starting_values(question, Monitor(())), _SKETCH)
         suspects, _ = _scored(sketch, candidates, threads)
     except (PiezoOptError, ArithmeticError):
         return ()
-    return [s for s in suspects if s.predicted_rms < fit.rms]
+    return suspects
 
 
 def _further(suspects: Sequence[Suspect], short: Sequence[Suspect]) -> list[Suspect]:
@@ -230,30 +246,6 @@ def _further(suspects: Sequence[Suspect], short: Sequence[Suspect]) -> list[Susp
     left = {s.name: s for s in reversed(suspects) if s.name not in listed}
     likeliest = sorted(left.values(), key=lambda s: -s.score)
     return [s for s in likeliest if s.score > _TELLING][:_UNSURE]
-
-
-def _founded(
-    fit: Fit, held: HeldOut, tell: Callable[[str], None], threads: int
-) -> tuple[Fit, list[str]]:
-    """The base model in the detail that the record pays for, before effects are looked for.
-
-    A loop of another roundness, or mechanics that show only beside it, are no missing effects.
-    What is freed here in vain returns to its fixed value once the true effect is there.
-    """
-    refined: list[str] = []
-    error = error_on(fit, held.record)
-    while trials := base_refinements(fit, held.question):
-        rungs = judged(fit, [r for r in race(fit, trials, threads) if plausible(r)])
-        for rung in rungs:
-            after = error_on(rung.fit, held.record)
-            if rung.fit.rms < (1.0 - _WORTH) * fit.rms and agrees(error, after):
-                fit, error = rung.fit, after
-                refined += rung.trial.refines
-                tell(f"refined {', '.join(rung.trial.refines)}")
-                break
-        else:
-            break
-    return fit, refined
 
 
 def _scored(
@@ -269,12 +261,37 @@ def _scored(
     )
 
 
-def _order(rungs: Sequence[Rung]) -> list[Rung]:
-    """Best first, but what the model has already before any effect that does hardly better."""
+def _order(
+    rungs: Sequence[Rung], held: HeldOut, threads: int
+) -> list[tuple[Rung, FloatArray | None]]:
+    """Rungs and their held-out errors: best first by both records, fitted and held out.
+
+    A rung that bends the base model fits well and predicts badly; neither error alone decides.
+    What the model has already comes before any effect that does hardly better.
+    """
     if not rungs:
         return []
-    enough = _ENOUGH * min(r.fit.rms for r in rungs)
-    return sorted(rungs, key=lambda r: r.suspect is not None or r.fit.rms > enough)
+    near = _IN_SIGHT * min(r.fit.rms for r in rungs)
+    close = [r for r in rungs if r.fit.rms <= near]
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        errors = list(pool.map(lambda r: _elsewhere(r.fit, held), close))
+
+    def both(pair: tuple[Rung, FloatArray | None]) -> float:
+        elsewhere = rms(pair[1])
+        return pair[0].fit.rms * (1.0 if elsewhere is None else elsewhere)
+
+    pairs = sorted(zip(close, errors, strict=True), key=both)
+    enough = _ENOUGH**2 * both(pairs[0])
+    return sorted(pairs, key=lambda pair: pair[0].suspect is not None or both(pair) > enough)
+
+
+def _elsewhere(fit: Fit, held: HeldOut) -> FloatArray | None:
+    """Held-out errors; without end where the record cannot be simulated with this fit."""
+    try:
+        error = error_on(fit, held.record)
+    except (PiezoOptError, ArithmeticError):
+        return np.array([np.inf])
+    return error if error is None or np.isfinite(error).all() else np.array([np.inf])
 
 
 def _sibling(suspect: Suspect, steps: Sequence[Step], foot: Sequence[Suspect]) -> int | None:

@@ -49,8 +49,14 @@ def base_refinements(fit: Fit, given: Identification) -> list[Trial]:
 
 
 def plausible(rung: Rung) -> bool:
-    """Whether mechanics that joined show a resonance: a lag in their guise is none."""
-    return all(rung.fit.values.get(f"{name}.zeta", 0.0) < _DAMPED for name in rung.trial.refines)
+    """Whether mechanics that joined show a resonance, and what was freed found a value.
+
+    A lag in the guise of mechanics is none; a loop whose exponent runs to its bound imitates
+    something else.
+    """
+    values, freed = rung.fit.values, rung.trial.refines
+    at_bound = rung.suspect is None and set(freed) & set(rung.fit.at_bound)
+    return not at_bound and all(values.get(f"{name}.zeta", 0.0) < _DAMPED for name in freed)
 
 
 def stiffened(fit: Fit) -> Fit | None:

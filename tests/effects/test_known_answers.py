@@ -45,6 +45,7 @@ from piezo_opt.effects import (
     Temperature,
     ThermalExpansion,
 )
+from piezo_opt.effects.base import Parameter
 from piezo_opt.errors import ModelError
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation import Simulator, Substeps
@@ -487,3 +488,113 @@ def test_a_senseless_number_of_elements_is_refused(size: object) -> None:
         ModelError, match=r"creep: the number of elements of 'z' is .* whole number"
     ):
         Creep(size)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("lag", [AmplifierLag(poles=2), SensorLag(poles=2)])
+def test_a_lag_of_two_poles_answers_a_ramp_both_time_constants_later(lag: Effect) -> None:
+    time = np.linspace(0, 1, 101)
+    values = {f"{lag.name}.share": 1.0, f"{lag.name}.tau": 0.02, f"{lag.name}.ratio": 0.5}
+    reading, _ = respond(PiezoGain() + lag, time, 10 * time, values, 1e-3)
+    np.testing.assert_allclose(reading[60:], 1e-6 * (time[60:] - 0.03), rtol=0, atol=1e-11)
+    # It sets off flat: the second pole waits for the first.
+    first = {k: v for k, v in values.items() if not k.endswith("ratio")}
+    alone, _ = respond(PiezoGain() + type(lag)(), time, 10 * time, first, 1e-3)
+    assert 0.0 < reading[1] < 0.5 * alone[1]
+
+
+def test_details_of_a_shape_are_what_they_say() -> None:
+    drive = np.linspace(-3, 5, 17)
+    x = 1e-3 * drive
+    bent = static(
+        SensorCurvature(), drive, {"sensor_curvature.a": 20.0, "sensor_curvature.ratio": 30.0}
+    )
+    np.testing.assert_allclose(bent, x + 20.0 * x**2 + 600.0 * x**3, rtol=0, atol=1e-15)
+    own = {"a": 5e-9, "phi": 0.3, "wavelength": 1e-6, "s2": 0.2, "c2": -0.1}
+    values = {f"sensor_nonlinearity.{k}": v for k, v in own.items()}
+    error = static(SensorNonlinearity(), drive, {**values, "piezo_gain.d": 1e-7}) - 1e-7 * drive
+    turn = 4.0 * np.pi * 1e-7 * drive / 1e-6 + 0.3
+    expected = 5e-9 * (np.sin(turn) + 0.2 * np.sin(2 * turn) - 0.1 * np.cos(2 * turn))
+    np.testing.assert_allclose(error, expected, rtol=0, atol=1e-15)
+    time = np.linspace(0, 0.1, 401)
+    own = {"a": 3e-9, "phi": 0.5, "s2": 0.1, "c2": 0.2, "s3": 0.3, "c3": 0.4}
+    values = {f"mains_pickup.{k}": v for k, v in own.items()}
+    swing = np.cos(9 * time)
+    hum = respond(PiezoGain() + MainsPickup(), time, swing, values)[0] - GAIN * swing
+    p = 2.0 * np.pi * 50.0 * time + 0.5
+    expected = np.sin(p) + 0.1 * np.sin(2 * p) + 0.2 * np.cos(2 * p)
+    expected += 0.3 * np.sin(3 * p) + 0.4 * np.cos(3 * p)
+    np.testing.assert_allclose(hum, 3e-9 * expected, rtol=0, atol=1e-18)
+
+
+def test_asymmetry_bends_with_the_cube_of_the_drive() -> None:
+    time = np.linspace(0.0, 1.0, 101)
+    drive = 40.0 * time
+    values = {"bouc_wen.alpha": 0.0, "bouc_wen.beta": 0.0, "asymmetry.delta": 1e-10,
+              "asymmetry.bend": 1e-3}  # fmt: skip
+    _, states = respond(PiezoGain() + BoucWen() + Asymmetry(), time, drive, values, 1e-3)
+    expected = 1e-10 * (drive**2 / 2.0 + 1e-3 * drive**4 / 4.0)
+    np.testing.assert_allclose(states["bouc_wen.h"], expected, rtol=1e-6, atol=1e-18)
+
+
+def test_a_guide_stiffens_further_with_the_fifth_power() -> None:
+    base, k3, fifth = PiezoGain() + SecondOrder(), 3e17, 2e10
+    own = {"cubic_stiffness.k3": k3, "cubic_stiffness.fifth": fifth}
+    x = settled(base + CubicStiffness(), own)
+    assert 6e3**2 * (GAIN * 50.0 - x) == pytest.approx(k3 * (x**3 + fifth * x**5), rel=1e-4)
+    assert x < settled(base + CubicStiffness(), {"cubic_stiffness.k3": k3})
+
+
+def test_fractional_creep_weighs_slow_elements_more() -> None:
+    time = np.linspace(0.0, 5.0, 501)
+    drive = 100.0 * np.minimum(1.0, time / 0.01)
+    values = {"creep.c": 1e-6, "creep.tau": 0.05, "creep.power": 0.3}
+    reading, _ = respond(PiezoGain() + Creep(3), time, drive, values, 1e-2)
+    late = time > 0.1
+    since = time[late, None] - 0.005
+    weights = 10.0 ** (0.3 * np.arange(3))
+    grown = (1.0 - np.exp(-since / np.array([0.05, 0.5, 5.0]))) @ (weights / weights.sum())
+    crept = (reading - GAIN * drive)[late] / (1e-6 * GAIN * 100.0)
+    np.testing.assert_allclose(crept, grown, rtol=0, atol=1e-3)
+
+
+def test_a_mode_out_of_phase_adds_its_velocity() -> None:
+    time = np.linspace(0, 0.05, 501)
+    drive = 40 * np.sin(1e3 * time)
+    own = {"second_mode.g": 0.1, "second_mode.omega": 2e3, "second_mode.zeta": 0.05}
+    model = PiezoGain() + SecondMode()
+    plain, states = respond(model, time, drive, own, 2e-5)
+    turned, _ = respond(model, time, drive, {**own, "second_mode.phase": 0.3}, 2e-5)
+    np.testing.assert_allclose(
+        turned - plain, 0.1 * 0.3 * states["second_mode.r"] / 2e3, rtol=0, atol=1e-15
+    )
+
+
+def test_the_same_physics_in_another_effect_and_in_more_detail() -> None:
+    time = np.linspace(0, 0.4, 401)
+    drive = 20.0 * np.sin(30.0 * time)
+    base = PiezoGain() + SecondOrder()
+    dahl = {"F": 3.0, "z0": 2e-7}
+    like = HystereticForce().like("friction", dahl)
+    assert like is not None
+    mechanics = {"second_order.omega": 6e3, "second_order.zeta": 0.3}
+    rubbing, _ = respond(
+        base + Friction(), time, drive,
+        {**mechanics, **{f"friction.{k}": v for k, v in dahl.items()}}, 2e-5,
+    )  # fmt: skip
+    remembering, _ = respond(
+        base + HystereticForce(), time, drive,
+        {**mechanics, **{f"hysteretic_force.{k}": v for k, v in like.items()}}, 2e-5,
+    )  # fmt: skip
+    np.testing.assert_allclose(remembering, rubbing, rtol=0, atol=1e-12)
+    assert np.abs(rubbing - respond(base, time, drive, mechanics, 2e-5)[0]).max() > 1e-8
+    assert HystereticForce().like("creep", {"c": 0.1, "tau": 1.0}) is None
+    finer, start = Creep(3).finer({"c": 0.1, "tau": 1.0})
+    assert finer == Creep(5)
+    assert start == {"tau": pytest.approx(0.1)}
+    assert Creep(5).finer({"c": 0.1, "tau": 1.0}) == (Creep(5), {})
+    assert Drift().finer({}) == (Drift(), {})
+
+
+def test_a_detail_that_is_not_fixed_is_refused() -> None:
+    with pytest.raises(ModelError, match="declare fixed=True"):
+        Parameter("1", "roundness", nominal=0.0, detail=True)

@@ -1,0 +1,169 @@
+"""What the model has comes before another name; every contender gets its best chance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import piezo_opt as po
+from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.contest import contest, forgetful
+from piezo_opt.diagnosis.held_out import HeldOut, hold_out
+from piezo_opt.diagnosis.ladder import climb
+from piezo_opt.diagnosis.refinements import (
+    base_refinements,
+    plausible,
+    refinements,
+    shape_refinements,
+    stiffened,
+)
+from piezo_opt.diagnosis.rung import Rung, adding, race, solved
+from piezo_opt.diagnosis.scores import score
+from piezo_opt.effects import (
+    AmplifierLag,
+    Backlash,
+    Creep,
+    Drift,
+    Effect,
+    Friction,
+    NonlinearGain,
+    SecondOrder,
+)
+from piezo_opt.identification.starting import joint_start
+from tests.diagnosis.plants import (
+    MOVING,
+    NOISE,
+    STILL,
+    TRUTH,
+    clock,
+    fitted,
+    measured,
+    rich,
+    triangle,
+)
+
+CUBED = NonlinearGain(), {"k2": 1e-10, "ratio": 1.5e-2}
+
+
+def held(record: po.Measurement) -> HeldOut:
+    return hold_out(po.Identification(STILL, record), None)
+
+
+def test_a_detail_is_freed_before_another_name_is_asked_for() -> None:
+    """A cubic gain is one effect: its bend is not explained by a second one."""
+    time = clock(3000)
+    record = measured(STILL, time, rich(time), CUBED)
+    split = held(record)
+    base = fitted(STILL, split.question.campaign.records[0])
+    offered: list[Effect] = [NonlinearGain(), Backlash(), Creep(elements=1), Drift()]
+    ladder = climb(base, split, offered)
+    assert [s.name for s in ladder.steps] == ["nonlinear_gain"]
+    assert ladder.final.values["nonlinear_gain.ratio"] == pytest.approx(1.5e-2, rel=0.1)
+    assert ladder.final.rms == pytest.approx(NOISE, rel=0.05)
+
+
+def test_refinements_are_details_and_hidden_mechanics() -> None:
+    time = clock(2000)
+    record = measured(STILL, time, rich(time))
+    fit = fitted(STILL, record)
+    names = [t.refines for t in base_refinements(fit, fit.question)]
+    assert names == [("bouc_wen.n",), ("second_order",)]
+    assert shape_refinements(fit) == []
+    lagged = solved(
+        fit.question.with_model(STILL + AmplifierLag()), {**fit.values, "amplifier_lag.share": 0.5}
+    )
+    (trial,) = shape_refinements(lagged)
+    assert trial.refines == ("amplifier_lag.ratio",)
+    assert trial.question.model["amplifier_lag"] == AmplifierLag(poles=2)
+    # What is free already, or fixed by the user, is not offered again.
+    fixed = po.solve(po.Identification(STILL, record, fixed={"bouc_wen.n": 1.2}), start=TRUTH_OF)
+    assert [t.refines for t in refinements(fixed, fixed.question)] == [("second_order",)]
+    moving = fitted(MOVING, measured(MOVING, time, rich(time)))
+    assert [t.refines for t in base_refinements(moving, moving.question)] == [("bouc_wen.n",)]
+
+
+TRUTH_OF = {n: v for n, v in TRUTH.items() if n in STILL.parameters}
+
+
+def test_mechanics_that_only_lag_and_exponents_at_a_bound_are_not_plausible() -> None:
+    time = clock(2000)
+    lag = AmplifierLag(), {"share": 1.0, "tau": 4e-3}
+    fit = fitted(STILL, measured(STILL, time, rich(time), lag))
+    mechanics = base_refinements(fit, fit.question)[-1]
+    assert mechanics.refines == ("second_order",)
+    (rung,) = race(fit, [mechanics], 1)
+    assert rung.fit.values["second_order.zeta"] > 0.7
+    assert not plausible(rung)
+    seen = fitted(STILL, measured(MOVING, time, rich(time)))
+    (rung,) = race(seen, [base_refinements(seen, seen.question)[-1]], 1)
+    assert plausible(rung)
+    omega = TRUTH["second_order.omega"]
+    assert rung.fit.values["second_order.omega"] == pytest.approx(omega, rel=0.02)
+
+
+def test_mechanics_too_fast_to_be_seen_leave_the_fit_alone() -> None:
+    time = clock(2000)
+    fit = fitted(STILL, measured(STILL, time, triangle(time, 1.0)))
+    stiff = stiffened(fit)
+    assert stiff is not None
+    assert stiff.rms == pytest.approx(fit.rms, rel=0.02)
+    assert "second_order.omega" in stiff.question.fixed
+    # A force is scored with them, and refused without.
+    (suspect,), unscored = score(BasePoint(fit), [Friction()], 1, BasePoint(stiff))
+    assert unscored == ()
+    assert suspect.base is stiff
+    assert score(BasePoint(fit), [Friction()], 1)[0] == ()
+    # Steps within one sample are over before any mechanics could follow them.
+    assert stiffened(fitted(STILL, measured(STILL, time, rich(time)))) is None
+
+
+def test_friction_is_named_where_the_mechanics_are_too_fast_to_be_seen() -> None:
+    time = clock(3000, 300.0)
+    omega = 2.0 * np.pi * 400.0
+    hidden = (
+        (SecondOrder(), {"omega": omega, "zeta": 0.3}),
+        (Friction(), {"F": 0.02 * 7e-6 * omega**2, "z0": 3e-7}),
+    )
+    drive = triangle(time, 0.35) + 20.0 * np.sin(2.0 * np.pi * 0.9 * time)
+    record = measured(STILL, time, drive, *hidden)
+    split = held(record)
+    base = fitted(STILL, split.question.campaign.records[0])
+    assert base.rms > 3.0 * NOISE
+    ladder = climb(base, split, [Friction(), Creep(elements=1), NonlinearGain(), Drift()])
+    assert [s.name for s in ladder.steps] == ["friction"]
+    # Only F / omega^2 is known there, as the displacement that the contact holds back.
+    values = ladder.final.values
+    back = values["friction.F"] / values["second_order.omega"] ** 2
+    assert back == pytest.approx(0.02 * 7e-6, rel=0.1)
+    assert ladder.final.rms == pytest.approx(NOISE, rel=0.1)
+
+
+def test_a_contest_is_held_only_where_something_is_left() -> None:
+    time = clock(2000)
+    creep = Creep(elements=1), {"c": 0.03, "tau": 0.1}
+    fit = fitted(MOVING, measured(MOVING, time, rich(time), creep))
+    suspects, _ = score(BasePoint(fit), [Creep(elements=1), Drift()])
+    rungs = race(fit, [adding(s) for s in suspects], 2)
+    settled = contest(fit, rungs, fit.question, 2)
+    assert [r.fit for r in settled] == [r.fit for r in rungs if r.delta_bic > 10.0]
+    cubed = fitted(STILL, measured(STILL, time, rich(time), CUBED))
+    suspects, _ = score(BasePoint(cubed), [NonlinearGain()])
+    rungs = race(cubed, [adding(s) for s in suspects], 2)
+    best, *_ = contest(cubed, rungs, cubed.question, 2)
+    assert "nonlinear_gain.ratio" in best.fit.names
+    assert best.fit.rms < 0.9 * rungs[0].fit.rms
+
+
+def test_a_fresh_start_forgets_the_base_and_keeps_what_was_added() -> None:
+    time = clock(2000)
+    creep = Creep(elements=1), {"c": 0.03, "tau": 0.1}
+    fit = fitted(STILL, measured(STILL, time, rich(time), creep))
+    (suspect,), _ = score(BasePoint(fit), [Creep(elements=1)])
+    (rung,) = race(fit, [adding(suspect)], 1)
+    assert isinstance(rung, Rung)
+    question = forgetful(rung.fit, po.Identification(STILL, rung.fit.records[0]))
+    assert set(question.values) == {"creep.c", "creep.tau", "creep.power"}
+    assert question.values["creep.tau"] == rung.fit.values["creep.tau"]
+    start = joint_start(po.Identification(STILL + Creep(elements=1), rung.fit.records[0]), "creep")
+    again = solved(rung.fit.question, start)
+    assert again.rms == pytest.approx(NOISE, rel=0.05)
