@@ -15,9 +15,11 @@ from piezo_opt.diagnosis.contest import contest, explained, forgetful
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, rms
 from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.refinements import (
+    lean,
     plausible,
     refinements,
     stiffened,
+    unbent,
 )
 from piezo_opt.diagnosis.rung import STRONG, Rung, adding, bic_gain, race, solved
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, score
@@ -145,14 +147,14 @@ def climb(
         rungs: list[Rung] = []
         if short or trials:
             tell(_refitting(short))
-            rungs = race(fit, [*trials, *(adding(s) for s in short)], threads)
+            rungs = race(fit, [*trials, *(unbent(adding(s)) for s in short)], threads)
         if not any(explained(r.fit) for r in rungs) and _unsettled(fit, first=not steps):
             # Scores are taken at a fit that has been bent, and slow residuals leave none of them
             # significant: let refits tell.
             more = _further(now, short)
             more += _further(_unbent(fit, held.question, candidates, threads), ())
             tell(_refitting(more))
-            rungs += race(fit, [adding(s) for s in more], threads)
+            rungs += race(fit, [unbent(adding(s)) for s in more], threads)
         rungs = [r for r in rungs if plausible(r)]
         rungs = contest(fit, rungs, held.question, threads)
         taken: Rung | None = None
@@ -163,6 +165,10 @@ def climb(
                 break
         if taken is None:
             break
+        if taken.suspect is not None:
+            taken = lean(fit, taken)
+            after = error_on(taken.fit, held.record)
+            refined += [k for k in taken.trial.refines if _of_base(taken.fit, k)]
         if taken.suspect is None:
             refined += taken.trial.refines
             tell(f"refined {', '.join(taken.trial.refines)}")
@@ -206,6 +212,11 @@ def climb(
         tuple(refined),
         tuple(dropped),
     )
+
+
+def _of_base(fit: Fit, name: str) -> bool:
+    """Whether a refinement is of the base model (an exponent, the mechanics)."""
+    return fit.model[name.split(".")[0]].structural
 
 
 def _refitting(suspects: Sequence[Suspect]) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from piezo_opt.diagnosis.rung import Rung, Trial, solved
+from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain, solved
 from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, Identification
@@ -46,6 +46,48 @@ def base_refinements(fit: Fit, given: Identification) -> list[Trial]:
     trials = [t for t in (_details(fit, name) for name in names) if t is not None]
     mechanics = mechanics_trial(fit, given)
     return trials if mechanics is None else [*trials, mechanics]
+
+
+def unbent(trial: Trial) -> Trial:
+    """A trial in which the base model's details are free beside the suspect.
+
+    An effect and the roundness of the loop may each explain nothing alone and all of it together.
+    What was freed in vain is fixed again by :func:`lean`.
+    """
+    model, question = trial.question.model, trial.question
+    details = [
+        f"{name}.{own}" for name, effect in model if effect.structural
+        for own, p in effect.parameters.items()
+        if p.detail and f"{name}.{own}" not in (*question.free, *question.fixed)
+    ]  # fmt: skip
+    record = question.campaign.records[0]
+    begin = {k: detail_start(model.parameters[k], record) for k in details}
+    return replace(
+        trial,
+        question=replace(question, free=(*question.free, *details)),
+        start={**trial.start, **begin},
+        refines=(*trial.refines, *details),
+    )
+
+
+def lean(fit: Fit, rung: Rung) -> Rung:
+    """A rung without the details of the base model that it does not pay for."""
+    spare = [
+        k for k in rung.fit.question.free
+        if k not in fit.question.free and rung.fit.model[k.split(".")[0]].structural
+    ]  # fmt: skip
+    for name in spare:
+        question = rung.fit.question
+        kept = replace(question, free=tuple(k for k in question.free if k != name))
+        nominal = {name: question.model.parameters[name].nominal}
+        poorer = solved(
+            replace(kept, values={k: v for k, v in kept.values.items() if k != name}),
+            {**rung.fit.values, **nominal},
+        )
+        if bic_gain(poorer, rung.fit) < STRONG:
+            trial = replace(rung.trial, refines=tuple(k for k in rung.trial.refines if k != name))
+            rung = Rung(trial, poorer, bic_gain(fit, poorer))
+    return rung
 
 
 def plausible(rung: Rung) -> bool:
