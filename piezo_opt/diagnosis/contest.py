@@ -9,7 +9,7 @@ of their shapes, and only then compared.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -29,17 +29,26 @@ _NEAR = 2.5
 """Error over the best contender's up to which another one is still in the contest."""
 _WORTH = 1.5
 """Error of a fresh start over the other's beyond which it is not followed."""
+_HELPS = 0.97
+"""Error over that of the fit below from which a contender beside other effects is one."""
 _MOST = 4
-_ITERATIONS = 40
+_ITERATIONS = 30
 
 
-def contest(fit: Fit, rungs: Sequence[Rung], given: Identification, threads: int) -> list[Rung]:
+def contest(
+    fit: Fit,
+    rungs: Sequence[Rung],
+    given: Identification,
+    invited: Collection[str] = (),
+    threads: int = 2,
+) -> list[Rung]:
     """Rungs with the contenders' best fits, judged and sorted.
 
     Args:
         fit: the fit below.
         rungs: its refits.
         given: the question at the foot of the ladder.
+        invited: effects that are contenders whatever their refits.
         threads: contenders that are fitted at a time.
     """
     first = judged(fit, rungs)
@@ -49,6 +58,14 @@ def contest(fit: Fit, rungs: Sequence[Rung], given: Identification, threads: int
     if explained(min(rungs, key=lambda r: r.fit.rms).fit):
         return first
     contenders = [r for r in named if r.fit.rms < _NEAR * named[0].fit.rms][:_MOST]
+    if any(not effect.structural for _, effect in fit.model):
+        # Beside what was found the base model is bent less: who helps at all shows it at once.
+        contenders = [r for r in contenders if r.fit.rms < _HELPS * fit.rms]
+    listed = {r.suspect.name for r in contenders if r.suspect is not None}
+    contenders += [
+        r for r in named
+        if r.suspect is not None and r.suspect.name in invited and r.suspect.name not in listed
+    ]  # fmt: skip
     with ThreadPoolExecutor(max_workers=threads) as pool:
         best = list(pool.map(lambda r: _chance(fit, r, given), contenders))
         # Whoever can do exactly what another one does begins there as well.

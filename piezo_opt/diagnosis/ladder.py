@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -21,7 +22,7 @@ from piezo_opt.diagnosis.refinements import (
     stiffened,
     unbent,
 )
-from piezo_opt.diagnosis.rung import STRONG, Rung, adding, bic_gain, race, solved
+from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, adding, bic_gain, race, solved
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, score
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Effect
@@ -48,6 +49,8 @@ _UNSURE = 3
 """Suspects that are refitted then, beside the significant ones."""
 _ABOVE = 1.3
 """Residual over the floor at the highest frequencies from which it may be no noise."""
+_INVITED = 2
+"""Suspects of either look that are in the contest whatever their refits."""
 _SKETCH = 2
 """Iterations after which a fit is not bent yet."""
 _ALIKE = 0.9
@@ -145,18 +148,21 @@ def climb(
         short = _shortlist(likely, now) if likely else []
         trials = refinements(fit, held.question)
         rungs: list[Rung] = []
+        invited: set[str] = set()
         if short or trials:
             tell(_refitting(short))
             rungs = race(fit, [*trials, *(unbent(adding(s)) for s in short)], threads)
         if not any(explained(r.fit) for r in rungs) and _unsettled(fit, first=not steps):
             # Scores are taken at a fit that has been bent, and slow residuals leave none of them
             # significant: let refits tell.
-            more = _further(now, short)
-            more += _further(_unbent(fit, held.question, candidates, threads), ())
+            seen = _further(_unbent(fit, held.question, candidates, threads), ())
+            others = _further(now, short)
+            invited = {s.name for s in (*others[:_INVITED], *seen[:_INVITED])}
+            more = [*others, *seen]
             tell(_refitting(more))
             rungs += race(fit, [unbent(adding(s)) for s in more], threads)
         rungs = [r for r in rungs if plausible(r)]
-        rungs = contest(fit, rungs, held.question, threads)
+        rungs = contest(fit, rungs, held.question, invited, threads)
         taken: Rung | None = None
         for rung, after in _order(rungs, held, threads):
             worth = _DETAIL if rung.suspect is None else _WORTH
@@ -201,7 +207,7 @@ def climb(
             tell(f"accepted {taken.suspect.name}")
         fit, error = taken.fit, after
         now, _ = _scored(fit, candidates, threads)
-    fit, kept, dropped = _prune(fit, steps)
+    fit, kept, dropped = _prune(fit, steps, held.question, threads)
     return Ladder(
         baseline,
         fit,
@@ -351,16 +357,29 @@ def _group(taken: Rung, rungs: Sequence[Rung], suspects: Sequence[Suspect]) -> t
     return tuple(dict.fromkeys(names))
 
 
-def _prune(fit: Fit, steps: list[Step]) -> tuple[Fit, list[Step], list[str]]:
-    """Drop what a later step made unnecessary: BIC does not rise without it."""
+def _prune(
+    fit: Fit, steps: list[Step], given: Identification, threads: int
+) -> tuple[Fit, list[Step], list[str]]:
+    """Drop what a later step made unnecessary: BIC does not rise without it.
+
+    A first step may have taken the place of the loop while the loop stood in for what was found
+    later; so each is tried without also from a fresh start.
+    """
     kept, dropped = list(steps), []
     for step in steps[:-1]:
-        name = next((n for n, e in fit.model if e is step.effect or n == step.name), None)
-        if name is None:
+        if step.name not in fit.model:
             continue
-        poorer = solved(fit.question.with_model(fit.model.without(name)), fit.values)
-        if bic_gain(poorer, fit) < 0.5 * STRONG:
-            fit = poorer
+        model = fit.model.without(step.name)
+        fresh = forgetful(fit, given).with_model(model)
+        trials = [Trial(fit.question.with_model(model), fit.values)]
+        with suppress(PiezoOptError, ArithmeticError):
+            trials.append(Trial(fresh, starting_values(fresh, Monitor(()))))
+        poorer = [rung.fit for rung in race(fit, trials, threads)]
+        if not poorer:
+            continue
+        least = min(poorer, key=lambda f: f.rms)
+        if bic_gain(least, fit) < 0.5 * STRONG:
+            fit = least
             kept.remove(step)
             dropped.append(step.name)
     return fit, kept, dropped

@@ -57,8 +57,7 @@ def unbent(trial: Trial) -> Trial:
     model, question = trial.question.model, trial.question
     details = [
         f"{name}.{own}" for name, effect in model if effect.structural
-        for own, p in effect.parameters.items()
-        if p.detail and f"{name}.{own}" not in (*question.free, *question.fixed)
+        for own in effect.details if f"{name}.{own}" not in (*question.free, *question.fixed)
     ]  # fmt: skip
     record = question.campaign.records[0]
     begin = {k: detail_start(model.parameters[k], record) for k in details}
@@ -128,8 +127,8 @@ def _details(fit: Fit, name: str) -> Trial | None:
     values = own(fit.values, name)
     finer, start = effect.finer(values)
     details = [
-        k for k, p in finer.parameters.items()
-        if p.detail and f"{name}.{k}" not in (*fit.question.free, *fit.question.fixed)
+        k for k in finer.details
+        if f"{name}.{k}" not in (*fit.question.free, *fit.question.fixed)
     ]  # fmt: skip
     if finer == effect and not details:
         return None

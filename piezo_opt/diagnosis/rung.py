@@ -114,9 +114,10 @@ def race(fit: Fit, trials: Sequence[Trial], threads: int) -> list[Rung]:
         if not rungs:
             return []
         near = _RACE * min(r.fit.rms for r in rungs)
-        ended = [r for r in rungs if r.fit.rms > near or r.fit.outcome.success]
-        running = [r for r in rungs if r.fit.rms <= near and not r.fit.outcome.success]
-        return [*ended, *pool.map(further, running)]
+        # More detail of what the model has is followed in any case: it comes before another name.
+        worth = [r.suspect is None or r.fit.rms <= near for r in rungs]
+        running = [r for r, w in zip(rungs, worth, strict=True) if w and not r.fit.outcome.success]
+        return [*(r for r in rungs if r not in running), *pool.map(further, running)]
 
 
 def judged(before: Fit, rungs: Sequence[Rung]) -> list[Rung]:

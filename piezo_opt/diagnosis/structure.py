@@ -21,6 +21,8 @@ _SLOW = 5.0
 """Residual over the high-frequency floor beyond which noise would have to be very slow (a
 first-order correlation above 0.92 from sample to sample)."""
 _RARE = 1e-4
+_MATERIAL = 1.06
+"""Residual over the floor below which what is left is less than a third of the noise."""
 
 
 @final
@@ -54,7 +56,7 @@ def structure(fit: Fit, noise: NoiseFloor) -> Structure:
     point = BasePoint(fit)
     r = point.residual
     worst, name = _follows_drive(fit, point)
-    if worst < _RARE and fit.rms > 1.02 * noise.rms:
+    if worst < _RARE and fit.rms > _MATERIAL * noise.rms:
         clues.append(f"The residual follows the drive: it correlates with {name}.")
     burst = _bursts(r)
     if burst is not None:

@@ -293,6 +293,11 @@ class Effect(ABC):
         return next((k for k, v in self._parameters.items() if v.null is not None), None)
 
     @property
+    def details(self) -> tuple[str, ...]:
+        """Names of the parameters that a diagnosis frees where the record pays for it."""
+        return tuple(k for k, v in self._parameters.items() if v.detail)
+
+    @property
     def options(self) -> dict[str, Any]:
         """Structural options (the dataclass fields) by name."""
         return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]

@@ -31,7 +31,7 @@ FloatArray = NDArray[np.float64]
 
 _WIDTHS = (1.0, 3.0, 10.0)
 """Trial widths of the loop, times one over the drive's range."""
-_JOINT_WIDTHS = (1.0, 2.0, 4.0, 8.0)
+_JOINT_WIDTHS = (1.5, 5.0)
 """The same, searched together with the shapes of an effect."""
 _ROUNDNESSES = (0.0, -1.0, 0.8)
 """Trial roundnesses, as a share of the width."""

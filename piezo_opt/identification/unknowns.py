@@ -101,7 +101,7 @@ def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[floa
     Time constants between a thirtieth of the sampling step and three times the duration (a longer
     one is an offset in disguise), natural frequencies between one cycle in four durations and
     nine tenths of the highest frequency that the sampling can hold, distances in which a contact
-    or a mount gives way not below a five-hundredth of the stroke. One-sided strokes per volt
+    gives way not below a five-hundredth of the stroke. One-sided strokes per volt
     are mirrored where the position falls as the drive rises.
     """
     low, high = parameter.bounds
@@ -116,8 +116,6 @@ def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[floa
         high = min(high, 0.9 * np.pi / step)
     elif parameter.unit == "m" and low > 0 and not parameter.fixed:
         low = max(low, _FINEST * _stroke(records))
-    elif parameter.unit == "1/m" and low >= 0 and not parameter.fixed:
-        high = min(high, 1.0 / (_FINEST * _stroke(records)))
     elif parameter.unit == "m/V" and low == 0.0 and falls(records[0]):
         low, high = -high, -low
     if not low < high:

@@ -144,12 +144,12 @@ def test_a_contest_is_held_only_where_something_is_left() -> None:
     fit = fitted(MOVING, measured(MOVING, time, rich(time), creep))
     suspects, _ = score(BasePoint(fit), [Creep(elements=1), Drift()])
     rungs = race(fit, [adding(s) for s in suspects], 2)
-    settled = contest(fit, rungs, fit.question, 2)
+    settled = contest(fit, rungs, fit.question)
     assert [r.fit for r in settled] == [r.fit for r in rungs if r.delta_bic > 10.0]
     cubed = fitted(STILL, measured(STILL, time, rich(time), CUBED))
     suspects, _ = score(BasePoint(cubed), [NonlinearGain()])
     rungs = race(cubed, [adding(s) for s in suspects], 2)
-    best, *_ = contest(cubed, rungs, cubed.question, 2)
+    best, *_ = contest(cubed, rungs, cubed.question)
     assert "nonlinear_gain.ratio" in best.fit.names
     assert best.fit.rms < 0.9 * rungs[0].fit.rms
 

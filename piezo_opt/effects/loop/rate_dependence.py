@@ -14,32 +14,46 @@ from piezo_opt.symbolic import abs_, power_
 class RateDependence(Effect):
     """Relaxation of the hysteretic displacement, at rest or with the rate of the drive.
 
-        h' += -r |v'/q|^m h
+        h' += -r |v'/q|^m h,   with narrowing -r |v'/q|^k h
 
     m = 0 (the default, kept fixed): viscous relaxation, the loop forgets at the rate r even when
-    the drive rests. m = 2: the loop narrows with the rate, as Bouc-Wen's beta grown by
-    r |v'| / q^2 would do. m = 1 only renames beta. q pivots the exponent, so that r keeps its
-    unit. What looks like rate dependence is often the amplifier or the mechanics.
+    the drive rests. narrowing, k = 2 (kept fixed): the loop narrows with the rate, as Bouc-Wen's
+    beta grown by r |v'| / q^2 would do. An exponent of 1 only renames beta. q pivots the
+    exponent, so that r keeps its unit. What looks like rate dependence is often the amplifier or
+    the mechanics.
 
     References: Mayergoyz (2003), Mathematical Models of Hysteresis and Their Applications, 2nd
     ed., Elsevier (rate-dependent hysteresis).
     """
 
+    narrowing: bool = False
     place = Place.LOOP
+    variants = ({}, {"narrowing": True})
     requires = ("loop",)
     r = Parameter(
-        "1/s", "relaxation rate of the loop", nominal=0.0, bounds=(0.0, 1e5), typical=(1e-3, 10.0),
+        "1/s", "relaxation rate of the loop", nominal=0.0, bounds=(0.0, 1e15), typical=(1e-3, 10.0),
         null=0.0,
     )  # fmt: skip
     m = Parameter(
         "1", "exponent of the drive's rate", nominal=0.0, bounds=(0.0, 2.0), typical=(0.0, 2.0),
         fixed=True, detail=True,
     )  # fmt: skip
+    k = Parameter(
+        "1", "exponent of the drive's rate when narrowing", nominal=2.0, bounds=(1.05, 3.0),
+        typical=(1.2, 2.5), fixed=True, detail=True,
+    )  # fmt: skip
     q = Parameter(
         "V/s", "rate of the drive at which the exponent pivots", nominal=1e4, bounds=(1e-6, 1e9),
         fixed=True,
     )  # fmt: skip
 
+    @property
+    def details(self) -> tuple[str, ...]:
+        """The exponent of this form."""
+        return ("k",) if self.narrowing else ("m",)
+
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Own share of the loop's rate."""
-        return Equations(gives=-p.r * power_(abs_(chain.drive.rate) / p.q, p.m) * chain.hysteresis)
+        exponent = p.k if self.narrowing else p.m
+        rate = power_(abs_(chain.drive.rate) / p.q, exponent)
+        return Equations(gives=-p.r * rate * chain.hysteresis)
