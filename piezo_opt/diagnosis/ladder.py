@@ -183,10 +183,11 @@ def climb(
             steps[same] = replace(
                 steps[same],
                 group=tuple(dict.fromkeys((*steps[same].group, taken.suspect.name))),
-                rms_after=taken.fit.rms,
-                held_out_after=rms(after),
                 delta_bic=steps[same].delta_bic + taken.delta_bic,
-                fit=taken.fit,
+            )
+            # What that wins is won at the top of the ladder, whichever step it shapes.
+            steps[-1] = replace(
+                steps[-1], rms_after=taken.fit.rms, held_out_after=rms(after), fit=taken.fit
             )
             tell(f"{steps[same].name} shaped further by {taken.suspect.name}")
         else:
@@ -288,14 +289,18 @@ def _order(
     """
     if not rungs:
         return []
+    if held.record is None:
+        # Nothing else decides: the information criterion, which pays for every parameter.
+        enough = _ENOUGH * min(r.fit.rms for r in rungs)
+        first = sorted(rungs, key=lambda r: r.suspect is not None or r.fit.rms > enough)
+        return [(rung, None) for rung in first]
     near = _IN_SIGHT * min(r.fit.rms for r in rungs)
     close = [r for r in rungs if r.fit.rms <= near]
     with ThreadPoolExecutor(max_workers=threads) as pool:
         errors = list(pool.map(lambda r: _elsewhere(r.fit, held), close))
 
     def both(pair: tuple[Rung, FloatArray | None]) -> float:
-        elsewhere = rms(pair[1])
-        return pair[0].fit.rms * (1.0 if elsewhere is None else elsewhere)
+        return pair[0].fit.rms * (rms(pair[1]) or 0.0)
 
     pairs = sorted(zip(close, errors, strict=True), key=both)
     enough = _ENOUGH**2 * both(pairs[0])
