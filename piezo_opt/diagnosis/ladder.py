@@ -49,6 +49,12 @@ _UNSURE = 3
 """Suspects that are refitted then, beside the significant ones."""
 _ABOVE = 1.3
 """Residual over the floor at the highest frequencies from which it may be no noise."""
+_FORM = 2.0
+"""Misfit beyond the noise over the best effect's own up to which a rival may be meant."""
+_ALIKE_RMS = 1.2
+"""The same for the whole error: slow noise makes the misfit look larger than it is."""
+_EXACT = 0.08
+"""Misfit over the noise (squares) up to which a form counts as exact."""
 _INVITED = 2
 """Suspects of either look that are in the contest whatever their refits."""
 _SKETCH = 2
@@ -347,11 +353,22 @@ def _shortlist(likely: Sequence[Suspect], everybody: Sequence[Suspect]) -> list[
 
 
 def _group(taken: Rung, rungs: Sequence[Rung], suspects: Sequence[Suspect]) -> tuple[str, ...]:
-    """Refitted rivals within strong evidence of the best, and directions nearly parallel to it."""
+    """Effects that the record cannot tell from the taken one, itself first.
+
+    Refitted rivals within strong evidence of the best, and directions nearly parallel to it. Where
+    the best itself leaves more than noise, its form is not the true one, and a rival that misses by
+    less than twice as much may be meant as well.
+    """
     assert taken.suspect is not None
     names = [taken.suspect.name]
+    noise = noise_floor(taken.fit).rms ** 2
+    missed = max(0.0, taken.fit.rms**2 - noise)
+    meant = min(noise + _FORM**2 * missed, (_ALIKE_RMS * taken.fit.rms) ** 2)
     for rung in rungs:
-        if rung.suspect is not None and taken.delta_bic - rung.delta_bic < STRONG:
+        if rung.suspect is None:
+            continue
+        even = taken.delta_bic - rung.delta_bic < STRONG
+        if even or (missed > _EXACT * noise and rung.fit.rms**2 < meant):
             names.append(rung.suspect.name)
     refitted = {r.suspect.name for r in rungs if r.suspect is not None}
     for suspect in suspects:
