@@ -9,7 +9,7 @@ from typing import Any, final
 
 from piezo_opt.diagnosis.advice import Advice, experiments
 from piezo_opt.diagnosis.base_point import BasePoint
-from piezo_opt.diagnosis.held_out import HeldOut, hold_out
+from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
 from piezo_opt.diagnosis.ladder import Ladder, Step, climb
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.diagnosis.rivals import Rival, rivals
@@ -25,6 +25,8 @@ from piezo_opt.units import show
 
 _ABOVE = 1.5
 """Residual over the noise floor above which it is asked whether it is a function of anything."""
+_CARRIES = 3.0
+"""Held-out over fitted error from which an explanation does not carry over."""
 SCHEMA = "piezo_opt/diagnosis/1"
 
 
@@ -251,7 +253,7 @@ def diagnose(
     climbed = climb(baseline, held, offered, tell, threads)
     final = _whole(fit, climbed)
     floor = noise_floor(final)
-    left_over = structure(final, floor)
+    left_over = _elsewhere(structure(final, floor), climbed, held)
     correction: Unexplained | None = None
     if left_over.left or final.rms > _ABOVE * floor.rms:
         tell("looking for the smallest correction")
@@ -292,6 +294,21 @@ def diagnose(
         unexplained=correction,
         rivals=others,
     )
+
+
+def _elsewhere(found: Structure, climbed: Ladder, held: HeldOut) -> Structure:
+    """What is left on the held-out record as well: an explanation must hold there, too."""
+    if not climbed.steps or held.record is None:
+        return found
+    there, here = rms(error_on(climbed.final, held.record)), climbed.final.rms
+    if there is None or there < _CARRIES * here:
+        return found
+    clue = (
+        f"On the record that is judged on, '{held.record.name}', the error is {show(there, 'm')}, "
+        f"{there / here:.0f} times that on the fitted one: what was found does not carry over, or "
+        "that record shows what this one cannot. Fit both together."
+    )
+    return Structure(True, (*found.clues, clue))
 
 
 def _laws(withhold: Sequence[str]) -> list[type[Effect]]:

@@ -14,7 +14,16 @@ from piezo_opt.diagnosis import Diagnosis, diagnose
 from piezo_opt.effects import Creep, Effect, SensorNonlinearity
 from piezo_opt.effects.base import Chain, Equations, Parameter, Place
 from piezo_opt.errors import ModelError
-from tests.diagnosis.plants import NOISE, STILL, clock, fitted, measured, rich, triangle
+from tests.diagnosis.plants import (
+    MOVING,
+    NOISE,
+    STILL,
+    clock,
+    fitted,
+    measured,
+    rich,
+    triangle,
+)
 
 TIME = clock()
 CREEP = Creep(elements=1), {"c": 0.02, "tau": 0.5}
@@ -231,3 +240,19 @@ def test_progress_is_told(creeping: po.Fit) -> None:
 def test_answers_repeat(creeping: po.Fit, missing: Diagnosis) -> None:
     again = diagnose(creeping, threads=1)
     assert again.to_dict() == missing.to_dict()
+
+
+def test_an_explanation_that_does_not_carry_over_is_none() -> None:
+    """Creep is in both records, a resonance only in what the second one excites."""
+    slow = measured(STILL, TIME, rich(TIME), CREEP)
+    shaken = 30.0 + 25.0 * np.sin(2.0 * np.pi * 60.0 * TIME)
+    test = measured(MOVING, TIME, shaken, CREEP, name="shaken")
+    quiet = measured(STILL, TIME, triangle(TIME, 1.0), CREEP, name="quiet")
+    fit = fitted(STILL, slow)
+    found = diagnose(fit, test=test, advise=False)
+    assert [s.name for s in found.steps] == ["creep"]
+    assert found.verdict == "unexplained"
+    assert any("does not carry over" in clue for clue in found.structure.clues)
+    kept = diagnose(fit, test=quiet, advise=False)
+    assert [s.name for s in kept.steps] == ["creep"]
+    assert kept.verdict == "missing"
