@@ -389,8 +389,9 @@ def _prune(
     """
     kept, dropped = list(steps), []
     for step in steps[:-1]:
-        if step.name not in fit.model:
-            continue
+        shaped = any(name in fit.model for name in step.group[1:])
+        if step.name not in fit.model or shaped:
+            continue  # what shapes it further would be left without its name
         model = fit.model.without(step.name)
         fresh = forgetful(fit, given).with_model(model)
         trials = [Trial(fit.question.with_model(model), fit.values)]

@@ -35,9 +35,23 @@ def refinements(fit: Fit, given: Identification) -> list[Trial]:
 
 
 def shape_refinements(fit: Fit) -> list[Trial]:
-    """Details of the effects that were added to the base model."""
+    """Details of the effects that were added to the base model, and their other forms."""
     names = [name for name, effect in fit.model if not effect.structural]
-    return [t for t in (_details(fit, name) for name in names) if t is not None]
+    trials = [t for t in (_details(fit, name) for name in names) if t is not None]
+    return [*trials, *(t for name in names for t in _forms(fit, name))]
+
+
+def _forms(fit: Fit, name: str) -> list[Trial]:
+    """One effect in the other forms under which a search tries it."""
+    effect = fit.model[name]
+    others = [type(effect)(**options) for options in effect.variants]
+    if effect not in others:
+        return []  # written in more detail already
+    return [
+        Trial(fit.question.with_model(fit.model.replaced(name, o)), fit.values, refines=(name,))
+        for o in others
+        if o != effect
+    ]
 
 
 def base_refinements(fit: Fit, given: Identification) -> list[Trial]:

@@ -167,3 +167,17 @@ def test_a_fresh_start_forgets_the_base_and_keeps_what_was_added() -> None:
     start = joint_start(po.Identification(STILL + Creep(elements=1), rung.fit.records[0]), "creep")
     again = solved(rung.fit.question, start)
     assert again.rms == pytest.approx(NOISE, rel=0.05)
+
+
+def test_the_other_form_of_an_effect_is_tried_before_another_effect() -> None:
+    """A single creep element beside a mode: no lag is put beside the chain of three."""
+    time = clock(2000)
+    creep = Creep(elements=1), {"c": 0.03, "tau": 0.1}
+    fit = fitted(STILL, measured(STILL, time, rich(time), creep))
+    three = solved(fit.question.with_model(STILL + Creep()), {**fit.values, "creep.c": 0.03})
+    forms = [t.question.model["creep"] for t in shape_refinements(three)]
+    assert forms == [Creep(elements=5), Creep(elements=1)]
+    best = min(race(three, shape_refinements(three), 1)[1:], key=lambda rung: rung.fit.rms)
+    assert best.fit.model["creep"] == Creep(elements=1)
+    assert best.fit.rms == pytest.approx(NOISE, rel=0.05)
+    assert best.fit.rms < 0.97 * three.rms
