@@ -125,15 +125,6 @@ def sum_(column: Expression) -> Expression:
     return ca.sum1(column)
 
 
-def lag_rates(lagged: Expression, value: Expression, taus: Sequence[Expression]) -> Expression:
-    """Rates of first-order lags in series: ``tau_1 z_1' = value - z_1, tau_2 z_2' = z_1 - z_2``."""
-    before, rates = value, []
-    for i, tau in enumerate(taus):
-        rates.append((before - lagged[i]) / tau)
-        before = lagged[i]
-    return stack(rates)
-
-
 def kinks(function: Any) -> Any:
     """The quantities at whose zero a function has a corner or a jump.
 

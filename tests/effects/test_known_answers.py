@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -158,6 +158,32 @@ def test_rate_dependence_of_exponent_two_is_a_beta_that_grows_with_the_rate() ->
     beta = 2e-2 + r * speed / q**2
     same, _ = respond(PiezoGain() + BoucWen(), time, drive, {"bouc_wen.beta": beta})
     np.testing.assert_allclose(grown, same, rtol=0, atol=1e-9 * np.ptp(same))
+
+
+@pytest.mark.parametrize("narrowing", [False, True])
+def test_a_wide_loop_narrows_with_the_rate_or_widens_where_it_forgets_at_rest(
+    narrowing: bool,
+) -> None:
+    """A triangle of +-A at c volts a second, once the loop is closed.
+
+    Per volt h forgets the share b = beta + r / c, with narrowing b = beta + r c / q^2; so
+    h(A) = alpha / b tanh(b A) at the turn, and alpha / b (1 - 1 / cosh(b A)) half way.
+    """
+    model = PiezoGain() + BoucWen() + RateDependence(narrowing=narrowing)
+    alpha, beta, r, q, top = 3e-8, 2e-2, 10.0, 1e3, 100.0
+    values = {"bouc_wen.alpha": alpha, "bouc_wen.beta": beta,
+              "rate_dependence.r": r, "rate_dependence.q": q}  # fmt: skip
+    way = np.arange(0.0, 901.0, 10.0)
+    drive = np.interp(way, [0, 100, 300, 500, 700, 900], [0, top, -top, top, -top, top])
+    widths = []
+    for c in (500.0, 2000.0):
+        _, states = respond(model, way / c, drive, values, 1.0 / c)
+        turn, half_way = states["bouc_wen.h"][[90, 80]]
+        b = beta + (r * c / q**2 if narrowing else r / c)
+        assert turn == pytest.approx(alpha / b * np.tanh(b * top), rel=1e-6)
+        assert half_way == pytest.approx(alpha / b * (1.0 - 1.0 / np.cosh(b * top)), rel=1e-6)
+        widths.append(half_way)
+    assert (widths[1] < widths[0]) == narrowing
 
 
 def test_asymmetry_adds_what_its_integral_says() -> None:
@@ -500,6 +526,13 @@ def test_a_lag_of_two_poles_answers_a_ramp_both_time_constants_later(lag: Effect
     first = {k: v for k, v in values.items() if not k.endswith("ratio")}
     alone, _ = respond(PiezoGain() + type(lag)(), time, 10 * time, first, 1e-3)
     assert 0.0 < reading[1] < 0.5 * alone[1]
+
+
+@pytest.mark.parametrize("kind", [AmplifierLag, SensorLag, ChargeBackCoupling])
+def test_a_lag_of_three_poles_is_refused(kind: Callable[..., Effect]) -> None:
+    base = PiezoGain() + SecondOrder()
+    with pytest.raises(ModelError, match=r"(lag|coupling): poles is 3; give 1 or 2"):
+        assemble(base + kind(poles=3), constants={})
 
 
 def test_details_of_a_shape_are_what_they_say() -> None:

@@ -17,10 +17,10 @@ class RateDependence(Effect):
         h' += -r |v'/q|^m h,   with narrowing -r |v'/q|^k h
 
     m = 0 (the default, kept fixed): viscous relaxation, the loop forgets at the rate r even when
-    the drive rests. narrowing, k = 2 (kept fixed): the loop narrows with the rate, as Bouc-Wen's
-    beta grown by r |v'| / q^2 would do. An exponent of 1 only renames beta. q pivots the
-    exponent, so that r keeps its unit. What looks like rate dependence is often the amplifier or
-    the mechanics.
+    the drive rests. narrowing, k = 2 (kept fixed): the hysteretic displacement at a turn falls with
+    the rate, and a wide loop narrows, as Bouc-Wen's beta grown by r |v'| / q^2 would do. An
+    exponent of 1 only renames beta. q pivots the exponent, so that r keeps its unit. What looks
+    like rate dependence is often the amplifier or the mechanics.
 
     References: Mayergoyz (2003), Mathematical Models of Hysteresis and Their Applications, 2nd
     ed., Elsevier (rate-dependent hysteresis).
@@ -28,7 +28,7 @@ class RateDependence(Effect):
 
     narrowing: bool = False
     place = Place.LOOP
-    variants = ({}, {"narrowing": True})
+    variants = ({"narrowing": False}, {"narrowing": True})
     requires = ("loop",)
     r = Parameter(
         "1/s", "relaxation rate of the loop", nominal=0.0, bounds=(0.0, 1e15), typical=(1e-3, 10.0),

@@ -7,7 +7,7 @@ from math import pi
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
-from piezo_opt.symbolic import cos, sin
+from piezo_opt.effects.harmonics import harmonic, periodic
 
 
 @final
@@ -36,28 +36,13 @@ class MainsPickup(Effect):
         "1/s", "mains frequency", nominal=50.0, bounds=(1.0, 1e4), typical=(49.5, 60.5), fixed=True,
         detail=True,
     )  # fmt: skip
-    s2 = Parameter(
-        "1", "second harmonic, sine", nominal=0.0, bounds=(-10.0, 10.0), typical=(-0.1, 0.1),
-        fixed=True, detail=True,
-    )  # fmt: skip
-    c2 = Parameter(
-        "1", "second harmonic, cosine", nominal=0.0, bounds=(-10.0, 10.0), typical=(-0.1, 0.1),
-        fixed=True, detail=True,
-    )  # fmt: skip
-    s3 = Parameter(
-        "1", "third harmonic, sine", nominal=0.0, bounds=(-10.0, 10.0), typical=(-0.1, 0.1),
-        fixed=True, detail=True,
-    )  # fmt: skip
-    c3 = Parameter(
-        "1", "third harmonic, cosine", nominal=0.0, bounds=(-10.0, 10.0), typical=(-0.1, 0.1),
-        fixed=True, detail=True,
-    )  # fmt: skip
+    s2 = harmonic("second harmonic, sine")
+    c2 = harmonic("second harmonic, cosine")
+    s3 = harmonic("third harmonic, sine")
+    c3 = harmonic("third harmonic, cosine")
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing reading."""
         turn = 2.0 * pi * p.f * chain.time + p.phi
-        hum = (
-            sin(turn) + p.s2 * sin(2.0 * turn) + p.c2 * cos(2.0 * turn)
-            + p.s3 * sin(3.0 * turn) + p.c3 * cos(3.0 * turn)
-        )  # fmt: skip
+        hum = periodic(turn, (p.s2, p.c2), (p.s3, p.c3))
         return Equations(gives=chain.incoming.value + p.a * hum)

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
-from piezo_opt.symbolic import lag_rates, stack
+from piezo_opt.effects.series_lag import (
+    RATIO,
+    lag_rates,
+    like_a_delay,
+    time_constants,
+    with_second_pole,
+)
+from piezo_opt.symbolic import stack
 
 
 @final
@@ -33,23 +40,20 @@ class SensorLag(Effect):
     tau = Parameter(
         "s", "time constant of the sensor", nominal=1e-3, bounds=(1e-7, 0.2), typical=(1e-5, 1e-2)
     )
-    ratio = Parameter(
-        "1", "second time constant over the first", nominal=0.2, bounds=(0.03, 1.0),
-        typical=(0.05, 0.5), fixed=True, detail=True,
-    )  # fmt: skip
+    ratio = RATIO
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
         """A short delay is a lag of that time constant."""
-        return {"share": 1.0, "tau": own["T"]} if other == "delay" else None
+        return like_a_delay(other, own)
 
     def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
         """With the second pole."""
-        return replace(self, poles=2), ({} if self.poles == 2 else {"tau": own["tau"] / 1.2})
+        return with_second_pole(self, own)
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing reading and the lagged states."""
         seen = chain.incoming.value
-        taus = (p.tau, p.ratio * p.tau)[: self.poles]
+        taus = time_constants(self, p)
         return Equations(
             gives=seen + p.share * (x.z[self.poles - 1] - seen),
             moves={"z": lag_rates(x.z, seen, taus)},

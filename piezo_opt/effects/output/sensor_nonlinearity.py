@@ -7,7 +7,7 @@ from math import pi
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
-from piezo_opt.symbolic import cos, sin
+from piezo_opt.effects.harmonics import harmonic, periodic
 
 
 @final
@@ -40,18 +40,11 @@ class SensorNonlinearity(Effect):
         "m", "wavelength of the laser", nominal=632.8e-9, bounds=(1e-8, 1e-2),
         typical=(4e-7, 1.6e-6), fixed=True, detail=True,
     )  # fmt: skip
-    s2 = Parameter(
-        "1", "second harmonic, sine", nominal=0.0, bounds=(-10.0, 10.0), typical=(-0.1, 0.1),
-        fixed=True, detail=True,
-    )  # fmt: skip
-    c2 = Parameter(
-        "1", "second harmonic, cosine", nominal=0.0, bounds=(-10.0, 10.0), typical=(-0.1, 0.1),
-        fixed=True, detail=True,
-    )  # fmt: skip
+    s2 = harmonic("second harmonic, sine")
+    c2 = harmonic("second harmonic, cosine")
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing reading."""
         seen = chain.incoming.value
         angle = 4.0 * pi * seen / p.wavelength + p.phi
-        error = sin(angle) + p.s2 * sin(2.0 * angle) + p.c2 * cos(2.0 * angle)
-        return Equations(gives=seen + p.a * error)
+        return Equations(gives=seen + p.a * periodic(angle, (p.s2, p.c2)))
