@@ -7,9 +7,9 @@ from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import fft, stats
 
-from piezo_opt.identification.tall import triangle
+from piezo_opt.identification.tall import gram, triangle
 from piezo_opt.simulation import INITIAL
 
 FloatArray = NDArray[np.float64]
@@ -65,11 +65,7 @@ def uncertainty(
         score = j[:samples] * r[:, None]
         lags = int(np.ceil(4.0 * (samples / 100.0) ** (2.0 / 9.0))) + _memory(r)
         lags = min(lags, samples // 4)
-        middle = score.T @ score
-        for lag in range(1, lags + 1):
-            cross = score[lag:].T @ score[:-lag]
-            middle += (1.0 - lag / (lags + 1.0)) * (cross + cross.T)
-        own = inverse @ middle @ inverse * (samples / dof)
+        own = inverse @ _long_run(score, lags) @ inverse * (samples / dof)
         white = inverse * float(r @ r) / dof
         # Misfit that happens to cancel must not make the estimate look surer than white noise.
         if np.all(np.diag(own) > 0):
@@ -83,10 +79,27 @@ def uncertainty(
     return Uncertainty(covariance, coloured)
 
 
+def _long_run(score: FloatArray, lags: int) -> FloatArray:
+    """``sum_k w_k S_t' S_(t+k)`` over |k| <= lags with Bartlett weights w_k = 1 - |k| / (lags + 1).
+
+    The same as the mean over all windows of ``lags + 1`` rows, those that begin before the first
+    row included, of the outer square of the window's sum: one pass whatever the lags.
+    """
+    width = lags + 1
+    total = np.zeros((score.shape[0] + 2 * width, score.shape[1]))
+    total[width:-width] = np.cumsum(score, axis=0)
+    total[-width:] = total[-width - 1]
+    return gram(total[width:] - total[:-width]) / width
+
+
 def _autocorrelation(r: FloatArray, lags: int) -> FloatArray:
+    """Correlation of a series with itself 1 to ``lags`` samples later."""
     centred = r - r.mean()
     power = float(centred @ centred) or 1.0
-    return np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
+    size = fft.next_fast_len(r.size + lags, real=True)
+    spectrum = fft.rfft(centred, size)
+    both = fft.irfft(np.abs(spectrum) ** 2, size)
+    return np.asarray(both[1 : lags + 1] / power)
 
 
 def _coloured(r: FloatArray) -> bool:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import piezo_opt as po
 from piezo_opt.effects import AmplifierLag, BoucWen, Creep, DeadZone, PiezoGain, Saturation
+from piezo_opt.effects.base import Parameter
 from piezo_opt.effects.catalogue import CATALOGUE
-from piezo_opt.identification.shapes import own, resonances, shape_grid
+from piezo_opt.identification.shapes import detail_start, own, resonances, shape_grid
 from piezo_opt.identification.unknowns import limits
 from tests.identification.truth import MOVING, TRUTH, loops, record
 
@@ -95,3 +98,73 @@ def test_uneven_sampling_still_shows_a_ringing() -> None:
 def test_own_names() -> None:
     assert own({"creep.c": 1.0, "creep_2.c": 2.0, "piezo_gain.d": 3.0}, "creep") == {"c": 1.0}
     assert shape_grid(PiezoGain(), RECORD, REST)[0] == {"d": PiezoGain().parameters["d"].nominal}
+
+
+@pytest.mark.parametrize("name", sorted(CATALOGUE))
+def test_every_detail_starts_where_it_can_be_felt_and_within_its_limits(name: str) -> None:
+    """Not at 0, where a detail may have no derivative, nor at a bound."""
+    kind = CATALOGUE[name]
+    details = {d for options in kind.variants or ({},) for d in kind(**options).details}
+    for detail in details:
+        parameter = kind().parameters[detail]
+        low, high = limits(parameter, (RECORD,))
+        start = detail_start(parameter, RECORD)
+        assert low < start < high, detail
+        assert start != 0.0, detail
+
+
+@pytest.mark.parametrize(
+    ("unit", "start"),
+    [
+        ("V", 0.7),
+        ("m", 7e-8),
+        ("1/V", 0.05 / 70.0),
+        ("1/V^2", 0.05 / 70.0**2),
+        ("1/m", 0.05 / 7e-6),
+        ("1/m^2", 0.05 / 7e-6**2),
+        ("s", 3e-3),
+    ],
+)
+def test_a_detail_that_is_0_starts_on_the_scale_of_the_record(unit: str, start: float) -> None:
+    """70 V and 7 um from end to end, in steps of 10 ms; one that is not 0 starts where it is."""
+    time = np.arange(401) / 100.0
+    drive = np.interp(time, [0.0, 1.0, 2.0, 4.0], [0.0, 60.0, -10.0, 0.0])
+    swing = po.Measurement(time, drive, 1e-7 * drive)
+    none = Parameter(unit, "a detail", 0.0, fixed=True, detail=True)
+    assert detail_start(none, swing) == pytest.approx(start, rel=1e-12)
+    some = Parameter(unit, "a detail", 0.6, fixed=True, detail=True)
+    assert detail_start(some, swing) == 0.6
+
+
+def test_a_time_of_centuries_starts_at_one_that_the_record_can_show() -> None:
+    warm_up = Parameter("s", "warm-up", 1e9, (1e-3, 1e10), fixed=True, detail=True)
+    assert detail_start(warm_up, RECORD) == pytest.approx(0.5 * RECORD.duration)
+    assert detail_start(dataclasses.replace(warm_up, nominal=3.0), RECORD) == 3.0
+
+
+@pytest.mark.parametrize(
+    ("nominal", "typical", "bounds", "start"),
+    [
+        (1.0, (1.0, 2.0), (1.0, 4.0), 1.05),
+        (0.0, (-0.1, 0.1), (-1.0, 1.0), 0.01),
+        (0.2, (0.05, 0.45), (0.03, 1.0), 0.22),
+        (2.0, None, (0.0, 10.0), 2.2),
+        (1.0, (0.0, 1.0), (0.0, 1.0), 1.0),
+    ],
+)
+def test_a_pure_number_starts_a_twentieth_of_its_usual_range_away(
+    nominal: float, typical: tuple[float, float] | None, bounds: tuple[float, float], start: float
+) -> None:
+    """Upwards, and within its bounds."""
+    detail = Parameter("1", "a detail", nominal, bounds, typical, fixed=True, detail=True)
+    assert detail_start(detail, RECORD) == pytest.approx(start, rel=1e-12)
+
+
+def test_a_speed_starts_at_the_usual_one() -> None:
+    """That of a sine: its amplitude times its frequency, over the root of two."""
+    time = np.arange(2000) / 1000.0
+    swing = 30.0 * np.sin(2.0 * np.pi * 2.0 * time)
+    sine = po.Measurement(time, swing, 1e-7 * swing)
+    detail = Parameter("m/s", "a speed", 1e-3, fixed=True, detail=True)
+    usual = 3e-6 * 2.0 * np.pi * 2.0 / np.sqrt(2.0)
+    assert detail_start(detail, sine) == pytest.approx(usual, rel=1e-3)

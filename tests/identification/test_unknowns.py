@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import piezo_opt as po
-from piezo_opt.effects import AmplifierLag, BoucWen, Creep, Drift, Offset, PiezoGain
+from piezo_opt.effects import AmplifierLag, BoucWen, Creep, Drift, Friction, Offset, PiezoGain
 from piezo_opt.identification.unknowns import Unknowns, falls, limits, theta_of, unknowns
 from tests.identification.truth import MOVING, STILL, TRUTH, loops, record
 
@@ -43,6 +43,18 @@ def test_every_state_that_keeps_a_memory_is_an_unknown_within_half_a_stroke() ->
     stroke = float(np.ptp(RECORD.position))
     assert starts["initial.bouc_wen.h"].high == pytest.approx(0.5 * stroke)
     assert starts["initial.creep.z[1]"].low == pytest.approx(-0.5 * stroke)
+
+
+@pytest.mark.parametrize("stroke", [6e-9, 6e-6, 6e-3])
+def test_a_contact_starts_within_one_and_a_half_of_its_largest_deflection(stroke: float) -> None:
+    """A state without unit is a share: how far the stage moves says nothing about it."""
+    record = RECORD.with_(position=stroke / 60.0 * DRIVE)
+    found = listed(po.Identification(MOVING + Friction(), record))
+    (contact,) = (m for m in found.members if m.name == "initial.friction.z")
+    assert (contact.low, contact.high, contact.scale) == (-1.5, 1.5, 0.3)
+    (loop,) = (m for m in found.members if m.name == "initial.bouc_wen.h")
+    assert loop.high == pytest.approx(0.5 * float(np.ptp(record.position)))
+    assert loop.scale == pytest.approx(0.05 * float(np.ptp(record.position)))
 
 
 def test_a_campaign_numbers_what_each_record_has_of_its_own() -> None:
