@@ -144,7 +144,7 @@ def _ladder(diagnosis: Diagnosis) -> list[Block]:
     ]
     said = []
     if diagnosis.refined:
-        said.append(f"Freed in the model on the way: {', '.join(diagnosis.refined)}.")
+        said.append(f"Fitted in more detail on the way: {', '.join(diagnosis.refined)}.")
     if diagnosis.dropped:
         said.append(
             f"Dropped again, because a later step made it unnecessary: "

@@ -65,8 +65,7 @@ def rungs(diagnosis: Diagnosis) -> tuple[Rung, ...]:
         return ()
     first = diagnosis.steps[0]
     found = [Rung("baseline", first.rms_before, first.held_out_before)]
-    freed = ", ".join(name.partition(".")[2] for name in diagnosis.refined)
-    ways = [f"{freed} free"] * bool(freed) + [f"+ {name}" for name in diagnosis.dropped]
+    ways = [*_in_detail(diagnosis.refined), *(f"+ {name}" for name in diagnosis.dropped)]
     between = ", ".join(ways) or "reshaped"
     for step in diagnosis.steps:
         if not _same(step.rms_before, found[-1].train):
@@ -77,6 +76,18 @@ def rungs(diagnosis: Diagnosis) -> tuple[Rung, ...]:
         pruned = ", ".join(diagnosis.dropped)
         found.append(Rung(f"- {pruned}" if pruned else between, final.rms, None))
     return tuple(found)
+
+
+def _in_detail(refined: Sequence[str]) -> list[str]:
+    """Refinements in few words: "n free", "mains_pickup in detail"."""
+    own: dict[str, list[str]] = {}
+    for name in refined:
+        effect, _, parameter = name.partition(".")
+        own.setdefault(effect, []).extend([parameter] * bool(parameter))
+    return [
+        f"{freed[0]} free" if len(freed) == 1 else f"{effect} in detail"
+        for effect, freed in own.items()
+    ]
 
 
 def _same(one: float, other: float) -> bool:

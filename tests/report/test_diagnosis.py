@@ -52,6 +52,22 @@ def test_what_is_no_effect_is_a_rung_of_its_own(creeping: Diagnosis) -> None:
     assert diagnosis_figures.ladder(none) is None
 
 
+@pytest.mark.parametrize(
+    ("refined", "said"),
+    [
+        ((), []),
+        (("bouc_wen.n",), ["n free"]),
+        (("second_order",), ["second_order in detail"]),
+        (("bouc_wen.n", "bouc_wen.x0"), ["bouc_wen in detail"]),
+        (("bouc_wen.n", "creep", "creep.power"), ["n free", "power free"]),
+        (("mains_pickup.f", "second_order", "mains_pickup.s2", "bouc_wen.n"),
+         ["mains_pickup in detail", "second_order in detail", "n free"]),
+    ],
+)  # fmt: skip
+def test_refinements_are_told_in_few_words(refined: tuple[str, ...], said: list[str]) -> None:
+    assert diagnosis_figures._in_detail(refined) == said
+
+
 def test_the_ladder_is_drawn_down_to_the_noise(creeping: Diagnosis) -> None:
     drawn = diagnosis_figures.ladder(creeping)
     assert drawn is not None
