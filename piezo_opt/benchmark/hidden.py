@@ -63,7 +63,7 @@ class Judged:
         steps: accepted effects in order.
         groups: of each accepted effect, what this record cannot tell it from, itself included.
         likeliest: the suspect with the highest score, before any refit.
-        refined: parameters of the base model that were freed.
+        refined: what the model needed in more detail.
         baseline, final, held_out: rms error over the true noise, of the fitted record without
             and with what was accepted, and of the other record with it.
         making, fitting, diagnosing: seconds.

@@ -17,6 +17,7 @@ from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.refinements import base_refinements, plausible, shape_refinements
 from piezo_opt.diagnosis.rung import Rung, Trial, bic_gain, judged, solved
 from piezo_opt.diagnosis.scores import Suspect
+from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Place
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, Identification
@@ -27,6 +28,10 @@ _EXPLAINED = 1.08
 """Error over the noise floor up to which nothing is left to be won."""
 _NEAR = 2.5
 """Error over the best contender's up to which another one is still in the contest."""
+_CLOSE = 1.25
+"""The same where the best leaves no structure."""
+_FAR = 1.5
+"""Error over the floor from which a contender may be any times as far away as the best."""
 _WORTH = 1.5
 """Error of a fresh start over the other's beyond which it is not followed."""
 _HELPS = 0.97
@@ -57,26 +62,37 @@ def contest(
         return first
     if explained(min(rungs, key=lambda r: r.fit.rms).fit):
         return first
-    contenders = [r for r in named if r.fit.rms < _NEAR * named[0].fit.rms][:_MOST]
+    best = named[0].fit
+    near = _CLOSE if settled(best) else _NEAR
+    contenders = [r for r in named if r.fit.rms < near * best.rms][:_MOST]
     if any(not effect.structural for _, effect in fit.model):
         # Beside what was found the base model is bent less: who helps at all shows it at once.
         contenders = [r for r in contenders if r.fit.rms < _HELPS * fit.rms]
-    listed = {r.suspect.name for r in contenders if r.suspect is not None}
-    contenders += [
-        r for r in named
-        if r.suspect is not None and r.suspect.name in invited and r.suspect.name not in listed
-    ]  # fmt: skip
+    if best.rms > _FAR * noise_floor(best).rms and near == _NEAR:
+        listed = {r.suspect.name for r in contenders if r.suspect is not None}
+        contenders += [
+            r for r in named
+            if r.suspect is not None and r.suspect.name in invited and r.suspect.name not in listed
+        ]  # fmt: skip
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        best = list(pool.map(lambda r: _chance(fit, r, given), contenders))
+        fitted = list(pool.map(lambda r: _chance(fit, r, given), contenders))
         # Whoever can do exactly what another one does begins there as well.
-        pairs = [(r, other) for r in best for other in best if other is not r]
-        best += [r for r in pool.map(lambda pair: _after(fit, *pair), pairs) if r is not None]
-    return judged(fit, [*rungs, *best])
+        pairs = [(r, other) for r in fitted for other in fitted if other is not r]
+        fitted += [r for r in pool.map(lambda pair: _after(fit, *pair), pairs) if r is not None]
+    return judged(fit, [*rungs, *fitted])
 
 
 def explained(fit: Fit) -> bool:
     """Whether a fit leaves but noise, and leaves out no mechanics that a contender may need."""
     return fit.rms <= _EXPLAINED * noise_floor(fit).rms and not fit.model.quasi_static
+
+
+def settled(fit: Fit) -> bool:
+    """Whether a fit leaves no structure: but noise, or noise that is slower than it seems."""
+    if fit.model.quasi_static:
+        return False
+    floor = noise_floor(fit)
+    return fit.rms <= _EXPLAINED * floor.rms or not structure(fit, floor).left
 
 
 def _best_of_each(rungs: Sequence[Rung]) -> list[Rung]:

@@ -43,7 +43,8 @@ class Diagnosis:
         suspects: scores of every candidate at the fit, likeliest first.
         unscored: candidates that could not be scored, and why.
         steps: accepted effects.
-        refined: parameters of the base model that had to be freed.
+        refined: what was needed in more detail and is no new effect: parameters that were freed
+            (an exponent, a second pole), mechanics that joined, effects in another form.
         dropped: effects that a later step made unnecessary.
         structure: signs of structure in the final residual.
         held_out: how the judging data were chosen.
@@ -374,7 +375,7 @@ def _headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "open":
         return f"Scores at the fit (rms {before}); nothing was refitted."
     if diagnosis.verdict == "complete":
-        freed = f" once {', '.join(diagnosis.refined)} is freed" if diagnosis.refined else ""
+        freed = f" once {', '.join(diagnosis.refined)} is fitted" if diagnosis.refined else ""
         fell = f", down from {before}," if diagnosis.refined else ""
         return (
             f"Complete{freed}: the residual of {after}{fell} is noise as far as this record can "

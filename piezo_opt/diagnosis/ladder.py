@@ -11,25 +11,20 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.diagnosis.base_point import BasePoint
-from piezo_opt.diagnosis.contest import contest, explained, forgetful
+from piezo_opt.diagnosis.contest import contest, forgetful, settled
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, rms
 from piezo_opt.diagnosis.noise import noise_floor
-from piezo_opt.diagnosis.refinements import (
-    lean,
-    plausible,
-    refinements,
-    stiffened,
-    unbent,
-)
-from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, adding, bic_gain, race, solved
-from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, score
+from piezo_opt.diagnosis.refinements import lean, plausible, refinements, with_base_details
+from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, adding, bic_gain, race
+from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name
+from piezo_opt.diagnosis.shortlist import further, scored, shortlist, unbent
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
-from piezo_opt.identification.starting import starting_values
+from piezo_opt.identification.starting import joint_start, starting_values
+from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
 
@@ -43,10 +38,6 @@ _WORTH = 0.06
 is left is not."""
 _DETAIL = 0.02
 """The same for more detail of what the model has."""
-_TELLING = 0.02
-"""Score worth a refit when structure is left and no score is significant."""
-_UNSURE = 3
-"""Suspects that are refitted then, beside the significant ones."""
 _ABOVE = 1.3
 """Residual over the floor at the highest frequencies from which it may be no noise."""
 _FORM = 2.0
@@ -57,13 +48,8 @@ _EXACT = 0.08
 """Misfit over the noise (squares) up to which a form counts as exact."""
 _INVITED = 2
 """Suspects of either look that are in the contest whatever their refits."""
-_SKETCH = 2
-"""Iterations after which a fit is not bent yet."""
 _ALIKE = 0.9
 """Cosine at the foot from which two effects are the same physics in two shapes."""
-_KIN = 0.6
-"""Cosine from which a suspect is refitted because it looks like a likely one."""
-_SHORTLIST = 6
 _IN_SIGHT = 2.0
 """Error over the best rung's beyond which a rung is not asked for its held-out error."""
 _ENOUGH = 1.03
@@ -111,7 +97,8 @@ class Ladder:
         suspects: scores of all candidates at the foot.
         unscored: candidates that could not be scored, and why.
         last_suspects: scores at the top.
-        refined: parameters that had to be freed in the base model (an exponent), no new effect.
+        refined: what was needed in more detail and is no new effect: parameters that were freed
+            (an exponent, a second pole), mechanics that joined, effects in another form.
         dropped: effects that a later step made unnecessary.
     """
 
@@ -143,30 +130,32 @@ def climb(
     """
     fit = baseline
     tell("scoring every absent effect")
-    suspects, unscored = _scored(fit, candidates, threads)
+    suspects, unscored = scored(fit, candidates, threads)
     first, now = suspects, suspects
     steps: list[Step] = []
     refined: list[str] = []
+    dropped: list[str] = []
     error = error_on(fit, held.record)
     bar = SIGNIFICANT if held.record is not None else SHORT
     for _ in range(_MOST_ROUNDS):
         likely = [s for s in now if s.p_value < bar]
-        short = _shortlist(likely, now) if likely else []
+        short = shortlist(likely, now) if likely else []
         trials = refinements(fit, held.question)
         rungs: list[Rung] = []
         invited: set[str] = set()
         if short or trials:
             tell(_refitting(short))
-            rungs = race(fit, [*trials, *(unbent(adding(s)) for s in short)], threads)
-        if not any(explained(r.fit) for r in rungs) and _unsettled(fit, first=not steps):
+            rungs = race(fit, [*trials, *(with_base_details(adding(s)) for s in short)], threads)
+        closest = min((r.fit for r in rungs), key=lambda f: f.rms, default=fit)
+        if not settled(closest) and _unsettled(fit, first=not steps):
             # Scores are taken at a fit that has been bent, and slow residuals leave none of them
             # significant: let refits tell.
-            seen = _further(_unbent(fit, held.question, candidates, threads), ())
-            others = _further(now, short)
+            seen = further(unbent(fit, held.question, candidates, threads), ())
+            others = further(now, short)
             invited = {s.name for s in (*others[:_INVITED], *seen[:_INVITED])}
             more = [*others, *seen]
             tell(_refitting(more))
-            rungs += race(fit, [unbent(adding(s)) for s in more], threads)
+            rungs += race(fit, [with_base_details(adding(s)) for s in more], threads)
         rungs = [r for r in rungs if plausible(r)]
         rungs = contest(fit, rungs, held.question, invited, threads)
         taken: Rung | None = None
@@ -178,6 +167,8 @@ def climb(
         if taken is None:
             break
         if taken.suspect is not None:
+            # Rivals pay for the base model's details, so the taken one is compared with them too.
+            group = _group(taken, rungs, now)
             taken = lean(fit, taken)
             after = error_on(taken.fit, held.record)
             refined += [k for k in taken.trial.refines if _of_base(taken.fit, k)]
@@ -201,7 +192,7 @@ def climb(
                 Step(
                     name=taken.suspect.name,
                     effect=taken.suspect.effect,
-                    group=_group(taken, rungs, now),
+                    group=group,
                     rms_before=fit.rms,
                     rms_after=taken.fit.rms,
                     held_out_before=rms(error),
@@ -213,12 +204,17 @@ def climb(
             )
             tell(f"accepted {taken.suspect.name}")
         fit, error = taken.fit, after
-        now, _ = _scored(fit, candidates, threads)
-    fit, kept, dropped = _prune(fit, steps, held.question, threads)
+        if taken.suspect is not None and len(steps) > 1:
+            fit, steps, spare = _prune(fit, steps, held, threads)
+            if spare:
+                tell(f"dropped {', '.join(spare)}")
+                dropped += spare
+                error = error_on(fit, held.record)
+        now, _ = scored(fit, candidates, threads)
     return Ladder(
         baseline,
         fit,
-        tuple(kept),
+        tuple(steps),
         by_name(first),
         unscored,
         by_name(now),
@@ -241,48 +237,6 @@ def _unsettled(fit: Fit, *, first: bool) -> bool:
     """Whether a residual may yet be no noise: it shows structure, or (at first) it is slow."""
     floor = noise_floor(fit)
     return (first and fit.rms > _ABOVE * floor.rms) or structure(fit, floor).left
-
-
-def _unbent(
-    fit: Fit,
-    given: Identification,
-    candidates: Sequence[Effect],
-    threads: int,
-) -> Sequence[Suspect]:
-    """Suspects by the look of a base model that has not been bent to do without them.
-
-    A fit that lacks an effect may have run far away to imitate it (a loop so wide that it drifts).
-    Scored from where such a fit begins, less what the base parameters explain to first order, the
-    effect stands out again.
-    """
-    question = forgetful(fit, given)
-    try:
-        sketch = solved(question, starting_values(question, Monitor(())), _SKETCH)
-        suspects, _ = _scored(sketch, candidates, threads)
-    except (PiezoOptError, ArithmeticError):
-        return ()
-    return suspects
-
-
-def _further(suspects: Sequence[Suspect], short: Sequence[Suspect]) -> list[Suspect]:
-    """The likeliest few that are not on the list yet."""
-    listed = {s.name for s in short}
-    left = {s.name: s for s in reversed(suspects) if s.name not in listed}
-    likeliest = sorted(left.values(), key=lambda s: -s.score)
-    return [s for s in likeliest if s.score > _TELLING][:_UNSURE]
-
-
-def _scored(
-    fit: Fit, candidates: Sequence[Effect], threads: int
-) -> tuple[tuple[Suspect, ...], tuple[Unscored, ...]]:
-    """Scores of all absent candidates; forces at a quasi-static fit with unseen mechanics."""
-    moving = stiffened(fit) if fit.model.quasi_static else None
-    return score(
-        BasePoint(fit),
-        [e for e in candidates if e.name not in fit.model],
-        threads,
-        None if moving is None else BasePoint(moving),
-    )
 
 
 def _order(
@@ -334,24 +288,6 @@ def _sibling(suspect: Suspect, steps: Sequence[Step], foot: Sequence[Suspect]) -
     return None
 
 
-def _shortlist(likely: Sequence[Suspect], everybody: Sequence[Suspect]) -> list[Suspect]:
-    """The best few, each by what it would explain, and their look-alikes.
-
-    A derivative at the null is a poor picture of a pure lag; whoever looks like a likely suspect
-    is refitted too.
-    """
-    top = likely[0].score
-    short = [s for s in likely if s.score > 0.1 * top][:_SHORTLIST]
-    for suspect in everybody:
-        if len(short) >= _SHORTLIST + 2:
-            break
-        listed = suspect.wrong_side or any(s.name == suspect.name for s in short)
-        alike = any(abs(float(suspect.direction @ s.direction)) > _KIN for s in short[:3])
-        if alike and not listed:
-            short.append(suspect)
-    return short
-
-
 def _group(taken: Rung, rungs: Sequence[Rung], suspects: Sequence[Suspect]) -> tuple[str, ...]:
     """Effects that the record cannot tell from the taken one, itself first.
 
@@ -380,29 +316,51 @@ def _group(taken: Rung, rungs: Sequence[Rung], suspects: Sequence[Suspect]) -> t
 
 
 def _prune(
-    fit: Fit, steps: list[Step], given: Identification, threads: int
+    fit: Fit, steps: Sequence[Step], held: HeldOut, threads: int
 ) -> tuple[Fit, list[Step], list[str]]:
     """Drop what a later step made unnecessary: BIC does not rise without it.
 
     A first step may have taken the place of the loop while the loop stood in for what was found
-    later; so each is tried without also from a fresh start.
+    later; so each is tried without also from fresh starts, those included in which the loop and
+    a later step are searched together.
     """
     kept, dropped = list(steps), []
     for step in steps[:-1]:
-        shaped = any(name in fit.model for name in step.group[1:])
+        named = {other.name for other in kept}
+        shaped = any(name in fit.model and name not in named for name in step.group[1:])
         if step.name not in fit.model or shaped:
             continue  # what shapes it further would be left without its name
         model = fit.model.without(step.name)
-        fresh = forgetful(fit, given).with_model(model)
+        fresh = forgetful(fit, held.question).with_model(model)
+        later = [name for name, effect in model if not effect.structural]
         trials = [Trial(fit.question.with_model(model), fit.values)]
-        with suppress(PiezoOptError, ArithmeticError):
-            trials.append(Trial(fresh, starting_values(fresh, Monitor(()))))
+        for begin in (starting_values, *(_jointly(name) for name in later)):
+            with suppress(PiezoOptError, ArithmeticError, ValueError):
+                trials.append(Trial(fresh, begin(fresh, Monitor(()))))
         poorer = [rung.fit for rung in race(fit, trials, threads)]
         if not poorer:
             continue
         least = min(poorer, key=lambda f: f.rms)
         if bic_gain(least, fit) < 0.5 * STRONG:
             fit = least
-            kept.remove(step)
+            kept = _without(kept, step, fit, rms(error_on(fit, held.record)))
             dropped.append(step.name)
     return fit, kept, dropped
+
+
+def _jointly(name: str) -> Callable[[Identification, Monitor], Values]:
+    """Starting values in which the loop and one effect are searched together."""
+    return lambda question, _: joint_start(question, name)
+
+
+def _without(steps: Sequence[Step], spare: Step, fit: Fit, held_out: float | None) -> list[Step]:
+    """The ladder without one step: the next begins where that one began, the last ends at a fit."""
+    place = steps.index(spare)
+    after = replace(
+        steps[place + 1],
+        rms_before=spare.rms_before,
+        held_out_before=spare.held_out_before,
+        delta_bic=steps[place + 1].delta_bic + spare.delta_bic,
+    )
+    left = [*steps[:place], after, *steps[place + 2 :]]
+    return [*left[:-1], replace(left[-1], rms_after=fit.rms, held_out_after=held_out, fit=fit)]

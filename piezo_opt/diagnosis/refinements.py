@@ -8,6 +8,7 @@ of an actuator are there even where its first fit had to leave them out.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain, solved
 from piezo_opt.effects.motion.second_order import SecondOrder
@@ -43,8 +44,8 @@ def shape_refinements(fit: Fit) -> list[Trial]:
 
 def _forms(fit: Fit, name: str) -> list[Trial]:
     """One effect in the other forms under which a search tries it."""
-    effect = fit.model[name]
-    others = [type(effect)(**options) for options in effect.variants]
+    effect: Any = fit.model[name]
+    others = [replace(effect, **options) for options in effect.variants]
     if effect not in others:
         return []  # written in more detail already
     return [
@@ -62,7 +63,7 @@ def base_refinements(fit: Fit, given: Identification) -> list[Trial]:
     return trials if mechanics is None else [*trials, mechanics]
 
 
-def unbent(trial: Trial) -> Trial:
+def with_base_details(trial: Trial) -> Trial:
     """A trial in which the base model's details are free beside the suspect.
 
     An effect and the roundness of the loop may each explain nothing alone and all of it together.
@@ -75,6 +76,9 @@ def unbent(trial: Trial) -> Trial:
     ]  # fmt: skip
     record = question.campaign.records[0]
     begin = {k: detail_start(model.parameters[k], record) for k in details}
+    # What the user knows better is a better start than what every record suggests.
+    given = {k: trial.start.get(k, model.parameters[k].nominal) for k in details}
+    begin |= {k: v for k, v in given.items() if v != model.parameters[k].nominal}
     return replace(
         trial,
         question=replace(question, free=(*question.free, *details)),
@@ -92,14 +96,17 @@ def lean(fit: Fit, rung: Rung) -> Rung:
     for name in spare:
         question = rung.fit.question
         kept = replace(question, free=tuple(k for k in question.free if k != name))
-        nominal = {name: question.model.parameters[name].nominal}
-        poorer = solved(
-            replace(kept, values={k: v for k, v in kept.values.items() if k != name}),
-            {**rung.fit.values, **nominal},
-        )
+        held = fit.values.get(name, question.model.parameters[name].nominal)
+        try:
+            poorer = solved(
+                replace(kept, values={**kept.values, name: held}),
+                {**rung.fit.values, name: held},
+            )
+        except (PiezoOptError, ArithmeticError):
+            continue
         if bic_gain(poorer, rung.fit) < STRONG:
             trial = replace(rung.trial, refines=tuple(k for k in rung.trial.refines if k != name))
-            rung = Rung(trial, poorer, bic_gain(fit, poorer))
+            rung = Rung(trial, poorer, rung.delta_bic - bic_gain(poorer, rung.fit))
     return rung
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,13 +14,15 @@ from piezo_opt.diagnosis.held_out import HeldOut, hold_out
 from piezo_opt.diagnosis.ladder import climb
 from piezo_opt.diagnosis.refinements import (
     base_refinements,
+    lean,
     plausible,
     refinements,
     shape_refinements,
     stiffened,
+    with_base_details,
 )
-from piezo_opt.diagnosis.rung import Rung, adding, race, solved
-from piezo_opt.diagnosis.scores import score
+from piezo_opt.diagnosis.rung import Rung, adding, bic_gain, race, solved
+from piezo_opt.diagnosis.scores import effective_samples, score
 from piezo_opt.effects import (
     AmplifierLag,
     Backlash,
@@ -181,3 +185,40 @@ def test_the_other_form_of_an_effect_is_tried_before_another_effect() -> None:
     best = next(r for r in rungs if r.fit.model["creep"] == Creep(elements=1))
     assert best.fit.rms == pytest.approx(NOISE, rel=0.05)
     assert best.fit.rms < 0.97 * three.rms
+
+
+def creeping_loop(exponent: float) -> tuple[po.Fit, Rung]:
+    """A loop of this exponent that creeps: its fit without creep, and with it and all details."""
+    time = clock(2000)
+    blank = measured(STILL, time, rich(time))
+    truth = {**TRUTH_OF, "bouc_wen.n": exponent, "creep.c": 0.03, "creep.tau": 0.1}
+    noise = NOISE * np.random.default_rng(0).normal(size=time.size)
+    reading = po.simulate(STILL + Creep(elements=1), blank, truth).reading
+    fit = fitted(STILL, blank.with_(position=reading + noise))
+    (suspect,), _ = score(BasePoint(fit), [Creep(elements=1)])
+    (rung,) = race(fit, [with_base_details(adding(suspect))], 1)
+    assert rung.trial.refines == ("bouc_wen.n",)
+    return fit, rung
+
+
+def test_a_detail_that_the_record_pays_for_stays_beside_the_effect() -> None:
+    fit, rung = creeping_loop(1.6)
+    assert lean(fit, rung) is rung
+    assert rung.fit.values["bouc_wen.n"] == pytest.approx(1.6, rel=0.1)
+
+
+def test_a_detail_that_was_freed_in_vain_is_fixed_again() -> None:
+    fit, rung = creeping_loop(1.0)
+    slim = lean(fit, rung)
+    assert slim.suspect is rung.suspect
+    assert (slim.trial.refines, slim.fit.question.free) == ((), ())
+    assert slim.fit.values["bouc_wen.n"] == 1.0
+    assert slim.fit.rms == pytest.approx(NOISE, rel=0.05)
+    # What was free before the effect came is none of its costs.
+    assert lean(rung.fit, rung) is rung
+    # On as many samples as before, so that it can be compared with the rivals still.
+    n = effective_samples(rung.fit.residuals)
+    assert slim.delta_bic == pytest.approx(bic_gain(fit, slim.fit, n), rel=1e-9)
+    assert slim.delta_bic > rung.delta_bic
+    counted = lean(fit, replace(rung, delta_bic=500.0))
+    assert counted.delta_bic - 500.0 == pytest.approx(slim.delta_bic - rung.delta_bic)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import piezo_opt as po
+from piezo_opt.diagnosis import ladder as module
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, hold_out, rms
-from piezo_opt.diagnosis.ladder import Ladder, climb
-from piezo_opt.diagnosis.rung import bic_gain
+from piezo_opt.diagnosis.ladder import Ladder, Step, _prune, climb
+from piezo_opt.diagnosis.rung import Rung, Trial, bic_gain, solved
 from piezo_opt.effects import (
     AmplifierLag,
     Asymmetry,
@@ -193,3 +196,78 @@ def test_an_interrupt_ends_the_ladder_and_not_only_its_refit(
     monkeypatch.setattr(LevenbergMarquardt, "minimise", stopped)
     with pytest.raises(KeyboardInterrupt):
         climb(ladder.baseline, held, [Creep()], threads=1)
+
+
+def crowded(*hidden: tuple[Effect, dict[str, float]]) -> po.Fit:
+    """A fit with creep, a drift and a bent gain, to a record in which these are."""
+    time = clock(1500)
+    base = fitted(STILL, measured(STILL, time, rich(time), *hidden))
+    model = STILL + Drift() + Creep(elements=1) + NonlinearGain()
+    start = {"drift.rate": 1e-9, "creep.c": 0.02, "creep.tau": 0.1, "nonlinear_gain.k2": 1e-12}
+    return solved(base.question.with_model(model), {**base.values, **start})
+
+
+def step(fit: po.Fit, name: str, *group: str) -> Step:
+    """A step of a ladder that ended at this fit."""
+    effect = fit.model[name]
+    return Step(name, effect, (name, *group), fit.rms, fit.rms, None, None, 20.0, 0.0, fit)
+
+
+def alone(fit: po.Fit) -> HeldOut:
+    """Nothing is held out: information criteria decide."""
+    return HeldOut(po.Identification(STILL, fit.records), None, "")
+
+
+def test_what_a_later_step_made_unnecessary_is_dropped() -> None:
+    fit = crowded(CREEP)
+    steps = [
+        replace(step(fit, "drift"), rms_before=3.0, rms_after=2.0),
+        replace(step(fit, "creep"), rms_before=2.0),
+    ]
+    pruned, kept, dropped = _prune(fit, steps, alone(fit), 1)
+    assert dropped == ["drift"]
+    # What the first one won is now won by the second.
+    assert [(s.name, s.rms_before, s.rms_after, s.delta_bic) for s in kept] == [
+        ("creep", 3.0, pruned.rms, 40.0)
+    ]
+    assert pruned.model.names == (*STILL.names, "creep", "nonlinear_gain")
+    assert pruned.rms == pytest.approx(NOISE, rel=0.05)
+    drifting = crowded(CREEP, (Drift(), {"rate": 2e-8}))
+    steps = [step(drifting, "drift"), step(drifting, "creep")]
+    assert _prune(drifting, steps, alone(drifting), 1) == (drifting, steps, [])
+    # The last step was judged with all the others present: it is not asked again.
+    steps = [step(fit, "creep"), step(fit, "drift")]
+    assert _prune(fit, steps, alone(fit), 1) == (fit, steps, [])
+
+
+def test_what_another_effect_shapes_is_not_dropped() -> None:
+    """The drift explains nothing, but the gain that was counted as its shape bears its name."""
+    fit = crowded(CREEP)
+    steps = [step(fit, "drift", "nonlinear_gain"), step(fit, "creep")]
+    assert _prune(fit, steps, alone(fit), 1) == (fit, steps, [])
+    # A rival that the model does not have shapes nothing, nor does one with a step of its own.
+    for rival in ("sensor_lag", "creep"):
+        steps = [step(fit, "drift", rival), step(fit, "creep")]
+        assert _prune(fit, steps, alone(fit), 1)[2] == ["drift"]
+
+
+def test_dropping_is_tried_from_fresh_starts_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The base model begins anew, what was found keeps its values; no fit, nothing dropped."""
+    fit = crowded(CREEP)
+    seen: list[Trial] = []
+
+    def nobody_arrives(_: po.Fit, trials: list[Trial], __: int) -> list[Rung]:
+        seen.extend(trials)
+        return []
+
+    monkeypatch.setattr(module, "race", nobody_arrives)
+    steps = [step(fit, "drift"), step(fit, "creep")]
+    assert _prune(fit, steps, alone(fit), 1) == (fit, steps, [])
+    on, anew, *jointly = seen
+    assert on.question.model == anew.question.model == fit.model.without("drift")
+    assert on.start == fit.values
+    for name, kept in (("creep.tau", True), ("bouc_wen.beta", False), ("bouc_wen.gamma", False)):
+        assert (anew.start[name] == fit.values[name]) is kept
+    # Once with each effect that is left: its shapes are searched together with the loop.
+    assert len(jointly) == 2
+    assert all(trial.question == anew.question for trial in jointly)

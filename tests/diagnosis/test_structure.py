@@ -10,7 +10,7 @@ import pytest
 from scipy import signal
 
 import piezo_opt as po
-from piezo_opt.diagnosis.noise import noise_floor
+from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.diagnosis.structure import Structure, structure
 from piezo_opt.measurement import FloatArray
 from tests.diagnosis.plants import NOISE, STILL, clock, fitted, measured, rich, triangle
@@ -24,11 +24,16 @@ def clean() -> po.Fit:
     return fitted(STILL, measured(STILL, TIME, rich(TIME)))
 
 
+def changed(clean: po.Fit, residual: FloatArray) -> po.Fit:
+    """The same fit with another residual (N,)."""
+    (record,) = clean.records
+    other = record.with_(position=clean.readings[0] + residual)
+    return replace(clean, question=replace(clean.question, records=other))
+
+
 def left_by(clean: po.Fit, residual: FloatArray) -> Structure:
     """What is said of the same fit with another residual (N,)."""
-    (record,) = clean.records
-    changed = record.with_(position=clean.readings[0] + residual)
-    fit = replace(clean, question=replace(clean.question, records=changed))
+    fit = changed(clean, residual)
     return structure(fit, noise_floor(fit))
 
 
@@ -83,6 +88,22 @@ def test_a_cube_of_the_drive_is_heard(clean: po.Fit) -> None:
     found = left_by(clean, white(0) + 3.0 * NOISE * drive**3)
     assert found.left
     assert any("follows the drive" in c for c in found.clues)
+
+
+@pytest.mark.parametrize(("size", "heard"), [(0.25, False), (0.6, True)])
+def test_what_follows_the_drive_is_a_clue_where_it_matters(
+    clean: po.Fit, size: float, heard: bool
+) -> None:
+    """A third of the noise on top of it raises the error by 6 %: less is none, however sure."""
+    cube = ((clean.records[0].drive - 30.0) / 30.0) ** 3
+    fit = changed(clean, white(0) + size * NOISE * cube / float(np.sqrt(np.mean(cube**2))))
+    floor = float(np.sqrt(np.mean(white(0) ** 2)))
+    assert (fit.rms > 1.06 * floor) is heard
+    said = structure(fit, NoiseFloor(floor, 0.97 * floor, 1.03 * floor, False, "known"))
+    assert any("follows the drive" in clue for clue in said.clues) is heard
+    # It is there: were the floor as much lower, it would be said.
+    low = NoiseFloor(0.94 * floor, 0.9 * floor, 0.97 * floor, False, "known")
+    assert any("follows the drive" in clue for clue in structure(fit, low).clues)
 
 
 def test_a_burst_is_heard_and_placed(clean: po.Fit) -> None:

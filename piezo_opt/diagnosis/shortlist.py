@@ -1,0 +1,86 @@
+"""Who is refitted: suspects by their scores at a fit, and at a base model that is not bent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.contest import forgetful
+from piezo_opt.diagnosis.refinements import stiffened
+from piezo_opt.diagnosis.rung import solved
+from piezo_opt.diagnosis.scores import Suspect, Unscored, score
+from piezo_opt.effects.base import Effect
+from piezo_opt.errors import PiezoOptError
+from piezo_opt.identification import Fit, Identification
+from piezo_opt.identification.monitor import Monitor
+from piezo_opt.identification.starting import starting_values
+
+_TELLING = 0.02
+"""Score worth a refit where a suspect need not be significant."""
+_UNSURE = 3
+"""Suspects that are refitted beside the significant ones."""
+_SKETCH = 2
+"""Iterations after which a fit is not bent yet."""
+_KIN = 0.6
+"""Cosine from which a suspect is refitted because it looks like a likely one."""
+_SHORTLIST = 6
+
+
+def scored(
+    fit: Fit, candidates: Sequence[Effect], threads: int
+) -> tuple[tuple[Suspect, ...], tuple[Unscored, ...]]:
+    """Scores of all absent candidates; forces at a quasi-static fit with unseen mechanics."""
+    moving = stiffened(fit) if fit.model.quasi_static else None
+    return score(
+        BasePoint(fit),
+        [e for e in candidates if e.name not in fit.model],
+        threads,
+        None if moving is None else BasePoint(moving),
+    )
+
+
+def shortlist(likely: Sequence[Suspect], everybody: Sequence[Suspect]) -> list[Suspect]:
+    """The best few, each by what it would explain, and their look-alikes.
+
+    A derivative at the null is a poor picture of a pure lag; whoever looks like a likely suspect
+    is refitted too.
+    """
+    top = likely[0].score
+    short = [s for s in likely if s.score > 0.1 * top][:_SHORTLIST]
+    for suspect in everybody:
+        if len(short) >= _SHORTLIST + 2:
+            break
+        listed = suspect.wrong_side or any(s.name == suspect.name for s in short)
+        alike = any(abs(float(suspect.direction @ s.direction)) > _KIN for s in short[:3])
+        if alike and not listed:
+            short.append(suspect)
+    return short
+
+
+def further(suspects: Sequence[Suspect], short: Sequence[Suspect]) -> list[Suspect]:
+    """The likeliest few that are not on the list yet."""
+    listed = {s.name for s in short}
+    left = {s.name: s for s in reversed(suspects) if s.name not in listed}
+    likeliest = sorted(left.values(), key=lambda s: -s.score)
+    return [s for s in likeliest if s.score > _TELLING][:_UNSURE]
+
+
+def unbent(
+    fit: Fit,
+    given: Identification,
+    candidates: Sequence[Effect],
+    threads: int,
+) -> Sequence[Suspect]:
+    """Suspects by the look of a base model that has not been bent to do without them.
+
+    A fit that lacks an effect may have run far away to imitate it (a loop so wide that it drifts).
+    Scored from where such a fit begins, less what the base parameters explain to first order, the
+    effect stands out again.
+    """
+    question = forgetful(fit, given)
+    try:
+        sketch = solved(question, starting_values(question, Monitor(())), _SKETCH)
+        suspects, _ = scored(sketch, candidates, threads)
+    except (PiezoOptError, ArithmeticError):
+        return ()
+    return suspects

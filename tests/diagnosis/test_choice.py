@@ -1,0 +1,206 @@
+"""Of several rungs: which is asked first, what it is worth, and who may be meant as well."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from piezo_opt.diagnosis import ladder
+from piezo_opt.diagnosis.held_out import HeldOut, rms
+from piezo_opt.diagnosis.rung import Rung, Trial
+from piezo_opt.errors import InputError
+
+NOTHING: Any = SimpleNamespace(free=())
+JUDGED = HeldOut(NOTHING, NOTHING, "by a record")
+UNJUDGED = HeldOut(NOTHING, None, "by BIC alone")
+
+
+def fit(error: float, elsewhere: float = 1.0) -> Any:
+    """What the ladder reads of a fit: its error, and that on the held-out record."""
+    return SimpleNamespace(
+        rms=error, elsewhere=elsewhere, question=NOTHING, values={}, at_bound=(),
+        model={"bouc_wen": SimpleNamespace(structural=True)},
+    )  # fmt: skip
+
+
+def suspect(name: str, angle: float = 90.0, *, wrong_side: bool = False) -> Any:
+    """An effect whose direction is so many degrees off the first axis."""
+    turn = np.deg2rad(angle)
+    return SimpleNamespace(
+        name=name, effect=None, p_value=0.0, wrong_side=wrong_side,
+        direction=np.array([np.cos(turn), np.sin(turn)]),
+    )  # fmt: skip
+
+
+def effect(name: str, error: float, elsewhere: float = 1.0, gain: float = 100.0) -> Rung:
+    return Rung(Trial(NOTHING, {}, suspect(name)), fit(error, elsewhere), gain)
+
+
+def detail(name: str, error: float, elsewhere: float = 1.0, gain: float = 100.0) -> Rung:
+    return Rung(Trial(NOTHING, {}, None, (name,)), fit(error, elsewhere), gain)
+
+
+def label(rung: Rung) -> str:
+    return rung.trial.refines[0] if rung.suspect is None else rung.suspect.name
+
+
+def asked(rungs: Sequence[Rung], held: HeldOut = JUDGED) -> list[str]:
+    return [label(rung) for rung, _ in ladder._order(rungs, held, 1)]
+
+
+@pytest.fixture
+def judged(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Held-out errors are those of the stubs; the fitted errors of who was asked are listed."""
+    seen: list[float] = []
+
+    def elsewhere(of: Any, held: HeldOut) -> Any:
+        assert held is JUDGED
+        seen.append(of.rms)
+        return np.array([of.elsewhere, -of.elsewhere])
+
+    monkeypatch.setattr(ladder, "_elsewhere", elsewhere)
+    return seen
+
+
+@pytest.mark.usefixtures("judged")
+def test_both_records_decide_which_is_best() -> None:
+    """One fits best and predicts worst, one predicts best and fits worst: neither is first."""
+    rungs = [
+        effect("bent", 1.0, 4.0), effect("stiff", 1.6, 2.2), effect("fair", 1.2, 2.5),
+    ]  # fmt: skip
+    assert asked(rungs) == ["fair", "stiff", "bent"]
+    pairs = ladder._order(rungs, JUDGED, 2)
+    assert [rms(error) for _, error in pairs] == pytest.approx([2.5, 2.2, 4.0])
+    assert asked([]) == []
+
+
+@pytest.mark.usefixtures("judged")
+def test_what_the_model_has_comes_before_an_effect_that_is_hardly_better() -> None:
+    """Within 3 % in either error, which is 6 % in their product."""
+    best, other = effect("best", 1.0, 1.0), effect("other", 1.01, 1.01)
+    near, far = detail("near", 1.0, 1.06), detail("far", 1.03, 1.031)
+    assert asked([best, other, near, far]) == ["near", "best", "other", "far"]
+
+
+def test_what_is_out_of_sight_is_not_asked(judged: list[float]) -> None:
+    """Beyond twice the best error a rung need not predict anything, however well it would."""
+    rungs = [effect("best", 1.0, 1.0), effect("seen", 1.95, 1.0), effect("lost", 2.05, 0.1)]
+    assert asked(rungs) == ["best", "seen"]
+    assert sorted(judged) == [1.0, 1.95]
+
+
+def test_with_nothing_held_out_the_order_is_that_of_bic(judged: list[float]) -> None:
+    rungs = [effect("first", 1.1), effect("closest", 1.0), effect("third", 3.0)]
+    assert asked(rungs, UNJUDGED) == ["first", "closest", "third"]
+    near, far = detail("near", 1.029), detail("far", 1.031)
+    assert asked([*rungs, far, near], UNJUDGED) == ["near", "first", "closest", "third", "far"]
+    assert all(error is None for _, error in ladder._order(rungs, UNJUDGED, 1))
+    assert judged == []
+
+
+@pytest.mark.parametrize("raised", [InputError("no"), ZeroDivisionError("no"), None])
+def test_what_cannot_be_simulated_elsewhere_is_asked_last(
+    raised: Exception | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether it raises or predicts what is no number."""
+
+    def lost(_: object) -> Any:
+        if raised is not None:
+            raise raised
+        return np.full(3, np.nan)
+
+    record: Any = SimpleNamespace(position=np.ones(3), counted=np.ones(3, dtype=bool))
+    sound, broken = effect("sound", 1.9), effect("broken", 1.0)
+    monkeypatch.setattr(sound.fit, "predict", lambda _: np.zeros(3), raising=False)
+    monkeypatch.setattr(broken.fit, "predict", lost, raising=False)
+    held = replace(JUDGED, record=record)
+    (first, error), (last, none) = ladder._order([broken, sound], held, 1)
+    assert (label(first), label(last)) == ("sound", "broken")
+    assert (rms(error), rms(none)) == (1.0, np.inf)
+
+
+@pytest.fixture
+def unit_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of every fit the noise is 1."""
+    monkeypatch.setattr(ladder, "noise_floor", lambda _: SimpleNamespace(rms=1.0))
+
+
+def square(name: str, mean_square: float, gain: float) -> Rung:
+    return effect(name, float(np.sqrt(mean_square)), gain=gain)
+
+
+@pytest.mark.usefixtures("unit_noise")
+def test_rivals_within_strong_evidence_are_in_the_group() -> None:
+    taken = square("taken", 1.05, 100.0)
+    even, behind = square("even", 5.0, 90.1), square("behind", 1.06, 89.9)
+    better = square("better", 1.05, 200.0)
+    rungs = [taken, even, behind, better, detail("bouc_wen.n", 1.0)]
+    assert ladder._group(taken, rungs, ()) == ("taken", "even", "better")
+
+
+@pytest.mark.usefixtures("unit_noise")
+@pytest.mark.parametrize(
+    ("taken", "rival", "meant"),
+    [
+        # It leaves a tenth of the noise's square: up to twice that misfit, four times its square.
+        (1.1, 1.39, True),
+        (1.1, 1.41, False),
+        # It leaves half of it: up to a fifth more of the whole error, whose square is 2.16.
+        (1.5, 2.15, True),
+        (1.5, 2.17, False),
+        # It is exact: its form is the true one, and whoever is behind is wrong.
+        (1.07, 1.08, False),
+        (1.09, 1.10, True),
+        (0.9, 0.91, False),
+    ],
+)
+def test_where_the_best_is_not_exact_another_form_may_be_meant(
+    taken: float, rival: float, meant: bool
+) -> None:
+    rungs = [square("taken", taken, 200.0), square("rival", rival, 100.0)]
+    assert ladder._group(rungs[0], rungs, ()) == (("taken", "rival") if meant else ("taken",))
+
+
+@pytest.mark.usefixtures("unit_noise")
+def test_who_was_not_refitted_is_in_the_group_by_direction() -> None:
+    """Parallel within a cosine of 0.995, which is 5.7 degrees, and on its allowed side."""
+    taken = square("taken", 1.0, 200.0)
+    beaten = square("beaten", 1.0, 100.0)
+    everybody = [
+        suspect("taken", 90.0), suspect("beaten", 90.0), suspect("parallel", 95.5),
+        suspect("opposite", 270.0), suspect("beside", 96.0),
+        suspect("forbidden", 90.0, wrong_side=True),
+    ]  # fmt: skip
+    found = ladder._group(taken, [taken, beaten], everybody)
+    assert found == ("taken", "parallel", "opposite")
+
+
+@pytest.mark.usefixtures("unit_noise")
+@pytest.mark.parametrize(
+    ("offered", "names", "refined"),
+    [
+        (effect("drift", 0.95), [], ()),
+        (effect("drift", 0.93), ["drift"], ()),
+        (detail("bouc_wen.n", 0.985), [], ()),
+        (detail("bouc_wen.n", 0.975), [], ("bouc_wen.n",)),
+    ],
+)
+def test_a_name_asks_for_six_percent_of_the_error_and_a_detail_for_two(
+    offered: Rung, names: list[str], refined: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same rung in every round: from the second on it wins nothing more."""
+    monkeypatch.setattr(ladder, "scored", lambda *_: ((), ()))
+    monkeypatch.setattr(ladder, "refinements", lambda *_: [offered.trial])
+    monkeypatch.setattr(ladder, "race", lambda *_: [offered])
+    monkeypatch.setattr(ladder, "settled", lambda _: True)
+    monkeypatch.setattr(ladder, "contest", lambda _, rungs, *__: rungs)
+    foot = fit(1.0)
+    climbed = ladder.climb(foot, UNJUDGED, (), threads=1)
+    assert [step.name for step in climbed.steps] == names
+    assert climbed.refined == refined
+    assert climbed.final is (offered.fit if names or refined else foot)
