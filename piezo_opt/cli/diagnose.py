@@ -39,6 +39,15 @@ def diagnose(
         list[str] | None,
         typer.Option(metavar="NAME", help="Effect not to be considered; repeat for more."),
     ] = None,
+    rivals: Annotated[
+        bool | None,
+        typer.Option(
+            "--rivals/--no-rivals",
+            help="Compare other hysteresis laws with the model's own, always or never; by default "
+            "when structure is left that no effect explains.",
+            show_default=False,
+        ),
+    ] = None,
     json: o.Json = None,
     report: o.Page = None,
     drives: Annotated[
@@ -69,6 +78,7 @@ def diagnose(
       piezo-opt diagnose loop.csv --report loop.html
       piezo-opt diagnose train.csv --test other.csv --json diagnosis.json
       piezo-opt diagnose loop.csv --model mine.toml --candidates effects.py
+      piezo-opt diagnose loop.csv --rivals
     """
     if test is not None and split is not None:
         raise InputError("--test and --split both say what to judge on: give one of them")
@@ -90,6 +100,7 @@ def diagnose(
             test=held_out,
             candidates=own.effects,
             withhold=tuple(withhold or ()),
+            rivals=rivals,
             progress=tell,
         )
     if json is not None:

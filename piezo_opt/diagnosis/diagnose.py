@@ -12,13 +12,14 @@ from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
 from piezo_opt.diagnosis.ladder import Ladder, Step, climb
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
-from piezo_opt.diagnosis.rivals import Rival, rivals
+from piezo_opt.diagnosis.rivals import Rival, in_words
+from piezo_opt.diagnosis.rivals import rivals as refitted
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, score
 from piezo_opt.diagnosis.structure import Structure, structure
 from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.catalogue import CATALOGUE
-from piezo_opt.errors import ModelError
+from piezo_opt.errors import InputError, ModelError
 from piezo_opt.identification import Fit, LevenbergMarquardt, solve
 from piezo_opt.measurement import Measurement
 from piezo_opt.units import show
@@ -52,8 +53,8 @@ class Diagnosis:
         invisible: effects that no candidate drive would show.
         unexplained: where a correction would have to enter, and of what it is a function; None
             unless that is the verdict.
-        rivals: other hysteresis laws in the place of the model's own, best first; tried when the
-            verdict is ``"unexplained"``.
+        rivals: other hysteresis laws in the place of the final model's own, best first; tried
+            when the verdict is ``"unexplained"``, unless :func:`diagnose` was told otherwise.
     """
 
     fit: Fit
@@ -200,7 +201,7 @@ class Diagnosis:
                 )
         for title, sentences in (
             ("What is left", (*self.structure.clues, *_sentences(self.unexplained))),
-            ("Other hysteresis laws", tuple(str(r) for r in self.rivals if r.better)),
+            ("Other hysteresis laws", in_words(self.rivals)),
             ("Advice", self.advice),
             ("Not scored", tuple(f"{u.name}: {u.why}" for u in self.unscored)),
         ):
@@ -218,6 +219,7 @@ def diagnose(
     ladder: bool = True,
     threads: int = 2,
     advise: bool | None = None,
+    rivals: bool | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Name what is missing from a fitted model, and prove it on data that was not fitted.
@@ -231,8 +233,19 @@ def diagnose(
         threads: refits that run at a time; 1 where processes share the machine already.
         advise: whether to plan experiments. Unless told, for groups that the record cannot split,
             and for effects it cannot show where it shows none; True plans both, False none.
+        rivals: whether to refit the final model with other hysteresis laws in the place of its
+            own. Unless told, when the verdict is ``"unexplained"``; True compares them whatever
+            the verdict, False never. A model without a hysteresis law has none to replace.
         progress: called with sentences about what is going on.
+
+    Raises:
+        InputError: ``rivals=True``, which refits, together with ``ladder=False``, which does not.
     """
+    if rivals and not ladder:
+        raise InputError(
+            "rivals=True compares laws that are refitted, and ladder=False refits nothing: leave "
+            "one of the two out."
+        )
     tell = progress if progress is not None else _silent
     offered = [
         *(
@@ -266,9 +279,10 @@ def diagnose(
     others: tuple[Rival, ...] = ()
     if verdict != "unexplained":
         correction = None
-    elif fit.model.loop is not None:
+    wanted = verdict == "unexplained" if rivals is None else rivals
+    if wanted and fit.model.loop is not None:
         tell("trying other hysteresis laws")
-        others = rivals(climbed.final, held, _laws(withhold), threads)
+        others = refitted(climbed.final, held, _laws(withhold), threads)
     planned: tuple[Advice, ...] = ()
     invisible: tuple[str, ...] = ()
     if advise is not False:
@@ -374,15 +388,23 @@ def _headline(diagnosis: Diagnosis) -> str:
     before, after = show(diagnosis.fit.rms, "m"), show(diagnosis.final.rms, "m")
     if diagnosis.verdict == "open":
         return f"Scores at the fit (rms {before}); nothing was refitted."
+    better = [r.name for r in diagnosis.rivals if r.better]
     if diagnosis.verdict == "complete":
         freed = f" once {', '.join(diagnosis.refined)} is fitted" if diagnosis.refined else ""
         fell = f", down from {before}," if diagnosis.refined else ""
+        if better:
+            # No effect is missing, yet what another law explains is not noise.
+            return (
+                f"Complete{freed} but for the hysteresis law: {better[0]} fits better than "
+                f"{diagnosis.final.model.loop}, which leaves {after}."
+            )
         return (
             f"Complete{freed}: the residual of {after}{fell} is noise as far as this record can "
             "tell."
         )
     names = ", ".join(s.name for s in diagnosis.steps)
     if diagnosis.verdict == "missing":
-        return f"Missing: {names}. The error falls from {before} to {after}."
+        other = f" Another hysteresis law fits better still: {better[0]}." if better else ""
+        return f"Missing: {names}. The error falls from {before} to {after}.{other}"
     found = f"With {names} the error falls from {before} to {after}, but " if names else ""
     return f"Unexplained: {found}structure is left that no effect of the catalogue explains."

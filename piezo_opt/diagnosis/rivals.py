@@ -97,6 +97,15 @@ def rivals(
     return tuple(sorted(found, key=lambda r: r.rms))
 
 
+def in_words(compared: Sequence[Rival]) -> tuple[str, ...]:
+    """Each law that is better, else that none is; nothing where none was tried."""
+    better = tuple(str(r) for r in compared if r.better)
+    if better or len(compared) < 2:
+        return better or tuple(map(str, compared))
+    *some, last = (r.name for r in compared)
+    return (f"None of {', '.join(some)} and {last} fits better than the model's own law.",)
+
+
 def _widths(law: Effect, fit: Fit) -> list[dict[str, float]]:
     """Starts for thresholds in volts: shares of the drive's range; one empty start without any."""
     swing = max(float(np.ptp(record.drive)) for record in fit.records)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from piezo_opt.comparison import Entry, compare
 from piezo_opt.diagnosis import Diagnosis
+from piezo_opt.diagnosis.rivals import in_words
 from piezo_opt.report import diagnosis_figures, figures
 from piezo_opt.report.chapters import (
     chapter,
@@ -41,6 +42,7 @@ def _diagnosis(diagnosis: Diagnosis) -> list[Block]:
         *_suspects(diagnosis),
         *_ladder(diagnosis),
         *_left_over(diagnosis),
+        *_rivals(diagnosis),
         *_final(diagnosis),
         *_cannot_tell(diagnosis),
         *_advice(diagnosis),
@@ -180,6 +182,25 @@ def _left_over(diagnosis: Diagnosis) -> list[Block]:
                 ("of the drive's", tuple(f"{100 * f.relative:.2g} %" for f in left.forces)),
                 ("explains", tuple(f"{100 * f.share:.0f} %" for f in left.forces)),
                 ("as a function", tuple(f"{100 * f.described:.0f} %" for f in left.forces)),
+            ),
+        ),
+    ]
+
+
+def _rivals(diagnosis: Diagnosis) -> list[Block]:
+    found = diagnosis.rivals
+    if not found:
+        return []
+    return [
+        Heading("Other hysteresis laws", 3),
+        Points(in_words(found)),
+        Table(
+            (
+                ("law", tuple(r.name for r in found)),
+                ("rms", tuple(show(r.rms, "m") for r in found)),
+                ("held out", tuple(_length(r.held_out) for r in found)),
+                ("BIC falls by", tuple(f"{r.delta_bic:.0f}" for r in found)),
+                ("better", tuple("yes" if r.better else "no" for r in found)),
             ),
         ),
     ]

@@ -12,9 +12,11 @@ from typer.testing import CliRunner, Result
 from piezo_opt import datasets
 from piezo_opt.cli import app
 from piezo_opt.cli.candidates import read_candidates
+from piezo_opt.effects import PrandtlIshlinskii
 from piezo_opt.errors import InputError
 from piezo_opt.readers import write
 from problems import hidden_effect
+from tests.diagnosis.plants import minor_loops
 
 LOOP = str(datasets.path("thesis/hysteresis.csv"))
 HEAD = """
@@ -215,6 +217,28 @@ def test_drives_are_written_only_where_there_is_a_folder(tmp_path: Path, loop: P
         assert np.diff(time) == pytest.approx(1.0)
         assert volts.min() >= 0.0
         assert volts.max() == pytest.approx(125.0)
+
+
+def test_other_laws_are_compared_when_asked_and_only_then(tmp_path: Path) -> None:
+    model, out = tmp_path / "still.toml", tmp_path / "d.json"
+    model.write_text('effects = ["piezo_gain", "bouc_wen", "offset"]\n')
+
+    def diagnosed(noise: float, *options: str) -> tuple[dict[str, bool], str, str]:
+        file = tmp_path / "loop.csv"
+        play = minor_loops(PrandtlIshlinskii(), {"r": 24.0, "rho": 3e-8}, noise)
+        write(play, file, overwrite=True)
+        done = run("diagnose", file, "--model", model, "--json", out, "--overwrite", *options)
+        assert done.exit_code == 0, done.output
+        data = json.loads(out.read_text())
+        return {r["effect"]: r["better"] for r in data["rivals"]}, data["verdict"], done.stdout
+
+    rivals, verdict, said = diagnosed(3e-8, "--rivals")
+    assert (rivals["prandtl_ishlinskii"], rivals["dahl"]) == (True, False)
+    assert verdict == "complete"
+    assert "prandtl_ishlinskii fits better than the model's own law" in said
+    assert diagnosed(3e-8)[:2] == ({}, "complete")
+    assert diagnosed(2e-9, "--no-rivals")[:2] == ({}, "unexplained")
+    assert diagnosed(2e-9)[0]["prandtl_ishlinskii"]
 
 
 def test_outputs_are_checked_before_any_work(tmp_path: Path) -> None:

@@ -73,3 +73,21 @@ def fitted(base: Model, record: po.Measurement) -> po.Fit:
     """The base fitted from the truth on: no search for a start."""
     start = {n: v for n, v in TRUTH.items() if n in base.parameters}
     return po.solve(po.Identification(base, record), start=start)
+
+
+def minor_loops(law: Effect, own: Mapping[str, float], noise: float) -> po.Measurement:
+    """A gain with this hysteresis law on a triangle that shrinks and grows, 12 s, 0..60 V.
+
+    Args:
+        law: the truth.
+        own: its own values.
+        noise: root mean square of white noise [m].
+    """
+    time = clock(1200, 100.0)
+    corners = np.array([0.0, 60, 10, 50, 20, 45, 0, 30, 5, 55, 15, 40, 0])
+    drive = np.interp(time, np.linspace(0.0, 12.0, corners.size), corners)
+    blank = po.Measurement(time, drive, 1e-7 * drive)
+    values = {f"{law.name}.{k}": v for k, v in own.items()}
+    reading = po.simulate(PiezoGain() + law + Offset(), blank, values).reading
+    white = np.random.default_rng(2).normal(size=time.size)
+    return blank.with_(position=reading + noise * white)

@@ -11,9 +11,17 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis import Diagnosis, diagnose
-from piezo_opt.effects import Creep, Effect, SensorNonlinearity
+from piezo_opt.effects import (
+    BoucWen,
+    Creep,
+    Effect,
+    Offset,
+    PiezoGain,
+    PrandtlIshlinskii,
+    SensorNonlinearity,
+)
 from piezo_opt.effects.base import Chain, Equations, Parameter, Place
-from piezo_opt.errors import ModelError
+from piezo_opt.errors import InputError, ModelError
 from tests.diagnosis.plants import (
     MOVING,
     NOISE,
@@ -21,6 +29,7 @@ from tests.diagnosis.plants import (
     clock,
     fitted,
     measured,
+    minor_loops,
     rich,
     triangle,
 )
@@ -256,3 +265,88 @@ def test_an_explanation_that_does_not_carry_over_is_none() -> None:
     kept = diagnose(fit, test=quiet, advise=False)
     assert [s.name for s in kept.steps] == ["creep"]
     assert kept.verdict == "missing"
+
+
+def _played(noise: float) -> po.Fit:
+    """Bouc-Wen fitted to a loop of play operators."""
+    record = minor_loops(PrandtlIshlinskii(), {"r": 24.0, "rho": 3e-8}, noise)
+    return po.solve(po.Identification(STILL, record))
+
+
+def test_a_better_law_is_said_although_no_effect_is_missing() -> None:
+    """The wrong law leaves less than a third of the noise: nothing gives it away but the rival."""
+    fit = _played(3e-8)
+    assert fit.rms < 1.06 * 3e-8
+    unasked = diagnose(fit, advise=False)
+    assert (unasked.verdict, unasked.steps, unasked.rivals) == ("complete", (), ())
+    assert unasked.to_dict()["rivals"] == []
+    found = diagnose(fit, advise=False, rivals=True)
+    assert (found.verdict, found.steps) == ("complete", ())
+    better = {r.name for r in found.rivals if r.better}
+    assert "prandtl_ishlinskii" in better
+    assert "dahl" not in better
+    (play,) = (r for r in found.rivals if r.name == "prandtl_ishlinskii")
+    assert play.rms == pytest.approx(3e-8, rel=0.01)
+    assert play.held_out is not None
+    told = {r["effect"]: r for r in found.to_dict()["rivals"]}
+    assert told["prandtl_ishlinskii"]["better"] is True
+    # What another law explains is no noise, and the first line does not say so.
+    assert found.headline.startswith("Complete but for the hysteresis law: ")
+    assert "fits better than bouc_wen" in found.headline
+    assert "is noise" not in found.headline
+    assert "Other hysteresis laws:" in str(found)
+    assert "  - prandtl_ishlinskii fits better than the model's own law" in str(found)
+
+
+def test_structure_has_the_laws_compared_unless_told_not_to() -> None:
+    fit = _played(2e-9)
+    found = diagnose(fit, advise=False)
+    assert found.verdict == "unexplained"
+    assert any(r.better for r in found.rivals)
+    silent = diagnose(fit, advise=False, rivals=False)
+    assert (silent.verdict, silent.rivals) == ("unexplained", ())
+    assert "hysteresis laws" not in str(silent)
+
+
+def test_no_law_is_better_than_the_true_one() -> None:
+    record = minor_loops(BoucWen(), {"beta": 0.05}, NOISE)
+    fit = po.solve(po.Identification(STILL, record))
+    found = diagnose(fit, advise=False, rivals=True)
+    assert found.verdict == "complete"
+    assert {r.name for r in found.rivals} == {
+        "dahl", "generalised_bouc_wen", "maxwell_slip", "prandtl_ishlinskii", "preisach",
+    }  # fmt: skip
+    assert not any(r.better for r in found.rivals)
+    assert found.headline == diagnose(fit, advise=False).headline
+    assert "maxwell_slip fits better than the model's own law" in str(found).split("None of ")[1]
+    fewer = diagnose(fit, advise=False, rivals=True, withhold=["dahl", "preisach"])
+    assert len(fewer.rivals) == 3
+
+
+def test_laws_are_compared_with_what_was_missing_in_place(creeping: po.Fit) -> None:
+    found = diagnose(creeping, advise=False, rivals=True)
+    assert found.verdict == "missing"
+    # Bouc-Wen is a case of it: without the creep it would leave several times the noise.
+    (wider,) = (r for r in found.rivals if r.name == "generalised_bouc_wen")
+    assert creeping.rms > 1.5 * NOISE
+    assert wider.rms == pytest.approx(NOISE, rel=0.05)
+    assert not wider.better
+    better = replace(found, rivals=(replace(wider, better=True),))
+    assert better.headline == (
+        f"{found.headline} Another hysteresis law fits better still: generalised_bouc_wen."
+    )
+
+
+def test_laws_are_not_compared_without_refits(creeping: po.Fit) -> None:
+    with pytest.raises(InputError, match="leave one of the two out"):
+        diagnose(creeping, ladder=False, rivals=True)
+    assert diagnose(creeping, ladder=False, rivals=False).rivals == ()
+
+
+def test_a_model_without_a_loop_has_no_law_to_replace() -> None:
+    line = PiezoGain() + Offset()
+    blank = po.Measurement(TIME, rich(TIME), rich(TIME), allow_saturated=True)
+    reading = po.simulate(line, blank, {"piezo_gain.d": 1.2e-7}).reading
+    noise = NOISE * np.random.default_rng(3).normal(size=TIME.size)
+    fit = po.solve(po.Identification(line, blank.with_(position=reading + noise)))
+    assert diagnose(fit, advise=False, rivals=True).rivals == ()

@@ -2,25 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 import piezo_opt as po
 from piezo_opt.diagnosis.held_out import hold_out
-from piezo_opt.diagnosis.rivals import rivals
-from piezo_opt.effects import BoucWen, Model, Offset, PiezoGain, PrandtlIshlinskii
+from piezo_opt.diagnosis.rivals import Rival, in_words, rivals
+from piezo_opt.effects import BoucWen, Offset, PiezoGain, PrandtlIshlinskii
+from tests.diagnosis.plants import minor_loops
 
 _NOISE = 2e-9
-
-
-def _record(model: Model, values: dict[str, float]) -> po.Measurement:
-    """Minor loops of a triangle that shrinks and grows, read with white noise."""
-    t = np.arange(1200) / 100.0
-    corners = np.array([0, 60, 10, 50, 20, 45, 0, 30, 5, 55, 15, 40, 0], dtype=float)
-    drive = np.interp(t, np.linspace(0.0, 12.0, corners.size), corners)
-    blank = po.Measurement(t, drive, 1e-7 * drive)
-    reading = po.simulate(model, blank, values).reading
-    noise = _NOISE * np.random.default_rng(2).normal(size=t.size)
-    return blank.with_(position=reading + noise)
 
 
 def _tried(record: po.Measurement) -> dict[str, bool]:
@@ -33,11 +21,25 @@ def _tried(record: po.Measurement) -> dict[str, bool]:
 
 
 def test_play_operators_are_recognised() -> None:
-    truth = PiezoGain() + PrandtlIshlinskii() + Offset()
-    values = {"prandtl_ishlinskii.r": 24.0, "prandtl_ishlinskii.rho": 3e-8}
-    assert _tried(_record(truth, values)) == {"prandtl_ishlinskii": True}
+    record = minor_loops(PrandtlIshlinskii(), {"r": 24.0, "rho": 3e-8}, _NOISE)
+    assert _tried(record) == {"prandtl_ishlinskii": True}
 
 
 def test_a_bouc_wen_loop_keeps_its_law() -> None:
-    truth = PiezoGain() + BoucWen() + Offset()
-    assert _tried(_record(truth, {"bouc_wen.beta": 0.05})) == {"prandtl_ishlinskii": False}
+    record = minor_loops(BoucWen(), {"beta": 0.05}, _NOISE)
+    assert _tried(record) == {"prandtl_ishlinskii": False}
+
+
+def test_words_name_what_is_better_or_say_that_nothing_is() -> None:
+    dahl, play, slip = (
+        Rival(name, 1e-8, None, gain, gain > 10.0)
+        for name, gain in (("dahl", -4.0), ("prandtl_ishlinskii", 50.0), ("maxwell_slip", 1.0))
+    )
+    assert in_words(()) == ()
+    assert in_words((dahl, play, slip)) == (
+        "prandtl_ishlinskii fits better than the model's own law (rms 10 nm).",
+    )
+    assert in_words((dahl, slip)) == (
+        "None of dahl and maxwell_slip fits better than the model's own law.",
+    )
+    assert in_words((dahl,)) == ("dahl is no better than the model's own law (rms 10 nm).",)

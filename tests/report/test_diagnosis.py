@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 
 import piezo_opt as po
 from piezo_opt.diagnosis import Diagnosis
+from piezo_opt.diagnosis.rivals import Rival
 from piezo_opt.diagnosis.structure import Structure
 from piezo_opt.report import chapter, diagnosis_figures, write_report
-from piezo_opt.report.page import Heading, Lead, Picture
+from piezo_opt.report.page import Heading, Lead, Picture, Points, Table
 from problems import hidden_effect, thesis_diagnosis
 
 
@@ -141,6 +142,27 @@ def test_what_is_unexplained_is_said_and_not_named(creeping: Diagnosis) -> None:
     assert "What no effect explains" not in [
         b.text for b in chapter(creeping) if isinstance(b, Heading)
     ]
+
+
+def test_other_laws_are_shown_where_they_were_compared(creeping: Diagnosis) -> None:
+    title = "Other hysteresis laws"
+    assert creeping.rivals == ()
+    assert title not in [b.text for b in chapter(creeping) if isinstance(b, Heading)]
+    play = Rival("prandtl_ishlinskii", 1e-8, 1.2e-8, 71.3, True)
+    dahl = Rival("dahl", 2e-8, None, -11.0, False)
+    blocks = chapter(dataclasses.replace(creeping, rivals=(play, dahl)))
+    at = next(k for k, b in enumerate(blocks) if isinstance(b, Heading) and b.text == title)
+    words, table = blocks[at + 1 : at + 3]
+    assert isinstance(words, Points)
+    assert words.sentences == (str(play),)
+    assert isinstance(table, Table)
+    assert dict(table.columns) == {
+        "law": ("prandtl_ishlinskii", "dahl"),
+        "rms": ("10 nm", "20 nm"),
+        "held out": ("12 nm", ""),
+        "BIC falls by": ("71", "-11"),
+        "better": ("yes", "no"),
+    }
 
 
 def test_a_page_of_the_thesis_loop(loop: Diagnosis, tmp_path: Path) -> None:
