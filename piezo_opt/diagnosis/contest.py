@@ -9,7 +9,7 @@ of their shapes, and only then compared.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ _NEAR = 2.5
 _CLOSE = 1.25
 """The same where the best leaves no structure."""
 _FAR = 1.5
-"""Error over the floor from which a contender may be any times as far away as the best."""
+"""Error over the floor beyond which it takes more than a look to call it slow noise."""
 _WORTH = 1.5
 """Error of a fresh start over the other's beyond which it is not followed."""
 _HELPS = 0.97
@@ -44,7 +44,6 @@ def contest(
     fit: Fit,
     rungs: Sequence[Rung],
     given: Identification,
-    invited: Collection[str] = (),
     threads: int = 2,
 ) -> list[Rung]:
     """Rungs with the contenders' best fits, judged and sorted.
@@ -53,14 +52,13 @@ def contest(
         fit: the fit below.
         rungs: its refits.
         given: the question at the foot of the ladder.
-        invited: effects that are contenders whatever their refits.
         threads: contenders that are fitted at a time.
     """
     first = judged(fit, rungs)
     named = _best_of_each(rungs)
     if not named:
         return first
-    if explained(min(rungs, key=lambda r: r.fit.rms).fit):
+    if _explained(min(rungs, key=lambda r: r.fit.rms).fit):
         return first
     best = named[0].fit
     near = _CLOSE if settled(best) else _NEAR
@@ -68,12 +66,6 @@ def contest(
     if any(not effect.structural for _, effect in fit.model):
         # Beside what was found the base model is bent less: who helps at all shows it at once.
         contenders = [r for r in contenders if r.fit.rms < _HELPS * fit.rms]
-    if best.rms > _FAR * noise_floor(best).rms and near == _NEAR:
-        listed = {r.suspect.name for r in contenders if r.suspect is not None}
-        contenders += [
-            r for r in named
-            if r.suspect is not None and r.suspect.name in invited and r.suspect.name not in listed
-        ]  # fmt: skip
     with ThreadPoolExecutor(max_workers=threads) as pool:
         fitted = list(pool.map(lambda r: _chance(fit, r, given), contenders))
         # Whoever can do exactly what another one does begins there as well.
@@ -82,17 +74,17 @@ def contest(
     return judged(fit, [*rungs, *fitted])
 
 
-def explained(fit: Fit) -> bool:
+def settled(fit: Fit) -> bool:
+    """Whether a fit leaves but noise, or what may be noise that is somewhat slow."""
+    floor = noise_floor(fit)
+    if fit.model.quasi_static or fit.rms > _FAR * floor.rms:
+        return False
+    return _explained(fit) or not structure(fit, floor).left
+
+
+def _explained(fit: Fit) -> bool:
     """Whether a fit leaves but noise, and leaves out no mechanics that a contender may need."""
     return fit.rms <= _EXPLAINED * noise_floor(fit).rms and not fit.model.quasi_static
-
-
-def settled(fit: Fit) -> bool:
-    """Whether a fit leaves no structure: but noise, or noise that is slower than it seems."""
-    if fit.model.quasi_static:
-        return False
-    floor = noise_floor(fit)
-    return fit.rms <= _EXPLAINED * floor.rms or not structure(fit, floor).left
 
 
 def _best_of_each(rungs: Sequence[Rung]) -> list[Rung]:
@@ -164,16 +156,24 @@ def _fitted(fit: Fit, trial: Trial | None, suspect: Suspect) -> Rung | None:
 
 def _fresh(fit: Fit, suspect: Suspect, given: Identification) -> Trial | None:
     """The contender beside a base model that has forgotten what it was bent to without it."""
+    question = beside(fit, given, suspect)
+    try:
+        start = joint_start(question, question.model.names[-1])
+    except (PiezoOptError, ArithmeticError, ValueError):
+        return None
+    return Trial(question, start, suspect)
+
+
+def beside(fit: Fit, given: Identification, suspect: Suspect) -> Identification:
+    """The question at the foot with what was added since, and a suspect.
+
+    A force needs mechanics: those under which it was scored where the fit has none.
+    """
     question = forgetful(fit, given)
     if fit.model.quasi_static and suspect.effect.place is Place.MOTION:
         stiff = suspect.base.question
         question = replace(question.with_model(stiff.model), fixed=stiff.fixed)
-    model = question.model + suspect.effect
-    try:
-        start = joint_start(question.with_model(model), model.names[-1])
-    except (PiezoOptError, ArithmeticError, ValueError):
-        return None
-    return Trial(question.with_model(model), start, suspect)
+    return question.with_model(question.model + suspect.effect)
 
 
 def forgetful(fit: Fit, given: Identification) -> Identification:

@@ -18,6 +18,9 @@ SHARE = 0.3
 """Last part of a lone record that is held out and simulated through."""
 _TENTH = 0.9**2
 _UNSEEN = 0.1**2
+_FOREIGN, _LEVEL = 3.0, 1.02**2
+"""Held-out error over the fitted one from which it is of something else, and how far it may rise
+then."""
 FEWEST = 300
 """Counted samples below which a record is too short to be parted."""
 
@@ -77,13 +80,20 @@ def rms(error: FloatArray | None) -> float | None:
     return None if error is None else float(np.sqrt(np.mean(error**2)))
 
 
-def agrees(before: FloatArray | None, after: FloatArray | None) -> bool:
+def agrees(before: FloatArray | None, after: FloatArray | None, fitted: float = np.inf) -> bool:
     """Whether the held-out error fell by a tenth, or less but beyond chance (one-sided, 2.5 %).
 
     With nothing held out there is nothing to disagree; neither is there where the held-out
-    record cannot see the change (it moves the prediction by less than a tenth of the error).
+    record cannot see the change (it moves the prediction by less than a tenth of the error), or
+    shows above all what the fitted one cannot (its error is several times the fitted one's, and
+    hardly changes).
 
         z = mean(e0^2 - e1^2) / sqrt(long-run variance / N) > 1.96
+
+    Args:
+        before: held-out errors without the change [m].
+        after: the same with it.
+        fitted: error on the fitted records without the change [m].
 
     Source: Diebold & Mariano (1995), J. Business & Economic Statistics 13(3), 253-263.
     """
@@ -91,7 +101,11 @@ def agrees(before: FloatArray | None, after: FloatArray | None) -> bool:
         return True
     if not np.isfinite(after).all():
         return False
-    if float(np.mean((after - before) ** 2)) < _UNSEEN * float(np.mean(before**2)):
+    power = float(np.mean(before**2))
+    if float(np.mean((after - before) ** 2)) < _UNSEEN * power:
+        return True
+    foreign = power > (_FOREIGN * fitted) ** 2
+    if foreign and float(np.mean(after**2)) < _LEVEL * power:
         return True
     gain = before**2 - after**2
     mean = float(gain.mean())

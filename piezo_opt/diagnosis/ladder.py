@@ -17,7 +17,7 @@ from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.refinements import lean, plausible, refinements, with_base_details
 from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, adding, bic_gain, race
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name
-from piezo_opt.diagnosis.shortlist import further, scored, shortlist, unbent
+from piezo_opt.diagnosis.shortlist import entrants, further, scored, shortlist
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import PiezoOptError
@@ -46,14 +46,14 @@ _ALIKE_RMS = 1.2
 """The same for the whole error: slow noise makes the misfit look larger than it is."""
 _EXACT = 0.08
 """Misfit over the noise (squares) up to which a form counts as exact."""
-_INVITED = 2
-"""Suspects of either look that are in the contest whatever their refits."""
 _ALIKE = 0.9
 """Cosine at the foot from which two effects are the same physics in two shapes."""
 _IN_SIGHT = 2.0
 """Error over the best rung's beyond which a rung is not asked for its held-out error."""
 _ENOUGH = 1.03
 """Error over the best rung's up to which no other effect is asked for."""
+_LOST = 2.0
+"""Error of the closest refit over the floor beyond which every effect is tried afresh."""
 _MOST_ROUNDS = 7
 
 
@@ -142,7 +142,6 @@ def climb(
         short = shortlist(likely, now) if likely else []
         trials = refinements(fit, held.question)
         rungs: list[Rung] = []
-        invited: set[str] = set()
         if short or trials:
             tell(_refitting(short))
             rungs = race(fit, [*trials, *(with_base_details(adding(s)) for s in short)], threads)
@@ -150,18 +149,18 @@ def climb(
         if not settled(closest) and _unsettled(fit, first=not steps):
             # Scores are taken at a fit that has been bent, and slow residuals leave none of them
             # significant: let refits tell.
-            seen = further(unbent(fit, held.question, candidates, threads), ())
-            others = further(now, short)
-            invited = {s.name for s in (*others[:_INVITED], *seen[:_INVITED])}
-            more = [*others, *seen]
-            tell(_refitting(more))
-            rungs += race(fit, [with_base_details(adding(s)) for s in more], threads)
+            more = further(now, short)
+            lost = closest.rms > _LOST * noise_floor(closest).rms
+            tell(f"{_refitting(more)}{', and all from a fresh start' if lost else ''}")
+            bent = [with_base_details(adding(s)) for s in more]
+            fresh = entrants(fit, held.question, now) if lost else []
+            rungs += race(fit, [*bent, *fresh], threads)
         rungs = [r for r in rungs if plausible(r)]
-        rungs = contest(fit, rungs, held.question, invited, threads)
+        rungs = contest(fit, rungs, held.question, threads)
         taken: Rung | None = None
         for rung, after in _order(rungs, held, threads):
             worth = _DETAIL if rung.suspect is None else _WORTH
-            if rung.fit.rms < (1.0 - worth) * fit.rms and agrees(error, after):
+            if rung.fit.rms < (1.0 - worth) * fit.rms and agrees(error, after, fit.rms):
                 taken = rung
                 break
         if taken is None:
@@ -211,6 +210,8 @@ def climb(
                 dropped += spare
                 error = error_on(fit, held.record)
         now, _ = scored(fit, candidates, threads)
+        if (1.0 - _DETAIL) * fit.rms < noise_floor(fit).rms:
+            break  # not even a detail could win what it is worth
     return Ladder(
         baseline,
         fit,

@@ -28,7 +28,9 @@ _ROUGH, _CLOSE = 1e-4, 1e-5
 """Decrease of the cost in one iteration at which they end. Strong evidence on ten thousand
 independent samples is a thousandth of the cost."""
 _RACE = 1.5
-"""Error over the best rival's beyond which a refit is out of the race."""
+"""Error over the best rival's beyond which a refit is out of the race..."""
+_PODIUM = 3
+"""...unless it is among the best."""
 
 
 @final
@@ -122,8 +124,9 @@ def race(fit: Fit, trials: Sequence[Trial], threads: int) -> list[Rung]:
         if not rungs:
             return []
         near = _RACE * min(r.fit.rms for r in rungs)
+        third = sorted(r.fit.rms for r in rungs)[:_PODIUM][-1]
         # More detail of what the model has is followed in any case: it comes before another name.
-        worth = [r.suspect is None or r.fit.rms <= near for r in rungs]
+        worth = [r.suspect is None or r.fit.rms <= max(near, third) for r in rungs]
         running = [r for r, w in zip(rungs, worth, strict=True) if w and not r.fit.outcome.success]
         return [*(r for r in rungs if r not in running), *pool.map(further, running)]
 

@@ -1,13 +1,14 @@
-"""Who is refitted: suspects by their scores at a fit, and at a base model that is not bent."""
+"""Who is refitted: suspects by their scores at a fit, and all beside a base that is not bent."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 from piezo_opt.diagnosis.base_point import BasePoint
-from piezo_opt.diagnosis.contest import forgetful
+from piezo_opt.diagnosis.contest import beside
 from piezo_opt.diagnosis.refinements import stiffened
-from piezo_opt.diagnosis.rung import solved
+from piezo_opt.diagnosis.rung import Trial
 from piezo_opt.diagnosis.scores import Suspect, Unscored, score
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import PiezoOptError
@@ -17,10 +18,8 @@ from piezo_opt.identification.starting import starting_values
 
 _TELLING = 0.02
 """Score worth a refit where a suspect need not be significant."""
-_UNSURE = 3
+_UNSURE = 4
 """Suspects that are refitted beside the significant ones."""
-_SKETCH = 2
-"""Iterations after which a fit is not bent yet."""
 _KIN = 0.6
 """Cosine from which a suspect is refitted because it looks like a likely one."""
 _SHORTLIST = 6
@@ -65,22 +64,21 @@ def further(suspects: Sequence[Suspect], short: Sequence[Suspect]) -> list[Suspe
     return [s for s in likeliest if s.score > _TELLING][:_UNSURE]
 
 
-def unbent(
-    fit: Fit,
-    given: Identification,
-    candidates: Sequence[Effect],
-    threads: int,
-) -> Sequence[Suspect]:
-    """Suspects by the look of a base model that has not been bent to do without them.
+def entrants(fit: Fit, given: Identification, suspects: Sequence[Suspect]) -> list[Trial]:
+    """Every suspect beside a base model that has not been bent to do without it.
 
-    A fit that lacks an effect may have run far away to imitate it (a loop so wide that it drifts).
-    Scored from where such a fit begins, less what the base parameters explain to first order, the
-    effect stands out again.
+    A fit that lacks an effect may have run far away to imitate it (a loop so wide that it drifts):
+    scored from there the effect looks like nothing, and refitted from there it stays so. Here each
+    begins where a first fit would, at its own one-step size.
+
+    Args:
+        fit: the fit below.
+        given: the question at the foot of the ladder.
+        suspects: who may enter; each form of an effect is one.
     """
-    question = forgetful(fit, given)
-    try:
-        sketch = solved(question, starting_values(question, Monitor(())), _SKETCH)
-        suspects, _ = scored(sketch, candidates, threads)
-    except (PiezoOptError, ArithmeticError):
-        return ()
-    return suspects
+    found = []
+    for suspect in suspects:
+        question = beside(fit, given, suspect)
+        with suppress(PiezoOptError, ArithmeticError, ValueError):
+            found.append(Trial(question, starting_values(question, Monitor(())), suspect))
+    return found

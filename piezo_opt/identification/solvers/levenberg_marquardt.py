@@ -19,6 +19,13 @@ _PATIENCE, _CRAWL = 20, 1e-3
 """So many iterations that lower the cost by less than this share are a crawl along a valley whose
 end the data cannot see (half as much in the rms)."""
 
+_HUGE = 1e100
+_FLAT = 1e-8
+"""Largest share of the cost that a rejected step may have promised for none to lower it."""
+_BOLD, _RESTED = 1e-2, 3
+"""Damping up to which one step that wins next to nothing tells that there is nothing to win, and
+how many of more cautious ones do."""
+
 
 @final
 @dataclass(frozen=True)
@@ -65,11 +72,12 @@ class LevenbergMarquardt:
         damping, growth = 1e-4, 2.0
         floor = 1e-30 * max(cost, 1e-300)
         norms = np.zeros(theta.size)
-        history = [cost]
+        history, resting = [cost], 0
         for _ in range(self.iterations):
             weighted = objective.robust(point)
             j = weighted.jacobian * scale
-            if not np.isfinite(j).all():
+            # Squares of what is larger overflow.
+            if not float(np.abs(j).max(initial=0.0)) < _HUGE:
                 return Solution(
                     theta, Ending.FAILED,
                     "The sensitivities are not finite at the best point; tighten the bounds.",
@@ -93,9 +101,9 @@ class LevenbergMarquardt:
                 gain = (cost - trial_cost) / predicted if predicted > 0 else -1.0
                 if gain > 1e-4:
                     break
-                if predicted <= self.tolerance * cost and abs(trial_cost - cost) <= (
-                    10.0 * self.tolerance * cost
-                ):
+                # A step that was cut short often enough promises little anywhere.
+                flat = min(self.tolerance, _FLAT)
+                if predicted <= flat * cost and abs(trial_cost - cost) <= 10.0 * flat * cost:
                     return Solution(theta, Ending.CONVERGED, "no step lowers the cost further")
                 damping, growth = damping * growth, 2.0 * growth
                 if damping > 1e16:
@@ -106,7 +114,9 @@ class LevenbergMarquardt:
             theta, cost = trial, trial_cost
             objective.monitor.saw(theta, cost)
             objective.monitor.iterate(theta, objective.rms(residual))
-            if decrease <= self.tolerance * cost and predicted <= self.tolerance * cost:
+            still = decrease <= self.tolerance * cost and predicted <= self.tolerance * cost
+            resting = resting + 1 if still else 0
+            if still and (damping <= _BOLD or resting >= _RESTED):
                 return Solution(theta, Ending.CONVERGED, "the cost stopped falling")
             history.append(cost)
             if len(history) > _PATIENCE and history[-1 - _PATIENCE] < (1.0 + _CRAWL) * cost:
