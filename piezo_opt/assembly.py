@@ -117,6 +117,7 @@ class _Assembler:
         self.starts: dict[str, Expression] = {}
         self.becomes: dict[str, Expression] = {}
         self.delays: list[Expression] = []
+        self.inertia: Expression = 1.0
         self.incoming_rates: list[tuple[Expression, Expression]] = []
         self.loop_state = self._flagged("loop")
         self.position_state = self._flagged("position")
@@ -181,6 +182,7 @@ class _Assembler:
                 )
         if not isinstance(said.delays, float | int):
             self.delays.append(said.delays)
+        self.inertia += said.inertia
         return said.gives
 
     def _column(self, state: str, expression: Expression) -> ca.SX:
@@ -235,7 +237,7 @@ class _Assembler:
         rates = {
             "rate of the drive": (self.drive.rate, total_rate(drive)),
             "rate of the free displacement": (self.free.rate, total_rate(free)),
-            "acceleration": (self.acceleration, resolve_values(motion)),
+            "acceleration": (self.acceleration, resolve_values(motion / self.inertia)),
         }
         for symbol, value in self.incoming_rates:
             rates[symbol.name()] = (symbol, total_rate(value))

@@ -23,6 +23,7 @@ from piezo_opt.effects.motion.cubic_stiffness import CubicStiffness
 from piezo_opt.effects.motion.friction import Friction
 from piezo_opt.effects.motion.hysteretic_force import HystereticForce
 from piezo_opt.effects.motion.load import Load
+from piezo_opt.effects.motion.load_mass import LoadMass
 from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.output.backlash import Backlash
 from piezo_opt.effects.output.drift import Drift
@@ -64,6 +65,7 @@ __all__ = [
     "GeneralisedBoucWen",
     "HystereticForce",
     "Load",
+    "LoadMass",
     "MainsPickup",
     "MaxwellSlip",
     "Model",

@@ -181,6 +181,8 @@ class Equations:
         becomes: states that jump instead of flowing: their value after a monotone stretch of
             the drive, from their value before and the signals at its end (play operators).
         delays: seconds by which the whole chain lags the command (only ``Delay``).
+        inertia: mass that the position carries, over the mass the MOTION balance is written for:
+            the balance is divided by one plus the sum of them (only ``LoadMass``).
     """
 
     gives: Expression
@@ -188,6 +190,7 @@ class Equations:
     starts: Mapping[str, Expression] = field(default_factory=dict)
     becomes: Mapping[str, Expression] = field(default_factory=dict)
     delays: Expression = 0.0
+    inertia: Expression = 0.0
 
 
 class Symbols(SimpleNamespace):
@@ -212,7 +215,7 @@ class Effect(ABC):
     """What the chain must hold: ``"loop"``, ``"motion"`` or ``"channel:NAME"``."""
 
     variants: ClassVar[tuple[Mapping[str, Any], ...]] = ({},)
-    """Options under which a search for missing effects tries the effect."""
+    """Options under which a search tries the effect; none: only where it is offered."""
 
     _parameters: ClassVar[Mapping[str, Parameter]]
     _states: ClassVar[Mapping[str, State]]

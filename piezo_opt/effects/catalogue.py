@@ -25,6 +25,7 @@ from piezo_opt.effects.motion.cubic_stiffness import CubicStiffness
 from piezo_opt.effects.motion.friction import Friction
 from piezo_opt.effects.motion.hysteretic_force import HystereticForce
 from piezo_opt.effects.motion.load import Load
+from piezo_opt.effects.motion.load_mass import LoadMass
 from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.output.backlash import Backlash
 from piezo_opt.effects.output.drift import Drift
@@ -79,6 +80,7 @@ CATALOGUE: Mapping[str, type[Effect]] = MappingProxyType(
             Friction,
             HystereticForce,
             Load,
+            LoadMass,
             # OUTPUT line
             SecondMode,
             Backlash,

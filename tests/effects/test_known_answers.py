@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+import piezo_opt as po
 from piezo_opt.assembly import assemble
 from piezo_opt.effects import (
     AmplifierLag,
@@ -27,10 +28,12 @@ from piezo_opt.effects import (
     GeneralisedBoucWen,
     HystereticForce,
     Load,
+    LoadMass,
     MainsPickup,
     MaxwellSlip,
     Model,
     NonlinearGain,
+    Offset,
     PiezoGain,
     PrandtlIshlinskii,
     Preisach,
@@ -83,6 +86,15 @@ def static(effect: Effect, drive: NDArray[Any], values: Mapping[str, float]) -> 
     return respond(model, np.arange(drive.size) * 1.0, drive, {"piezo_gain.d": 1e-3, **values})[0]
 
 
+def poles_at_rest(model: Model, values: Mapping[str, float]) -> NDArray[Any]:
+    """Eigenvalues [1/s] of the model linearised about rest without drive."""
+    system = assemble(model, constants={})
+    p = Values.nominal(model).with_(values).vector(system.parameter_names)
+    n, blank = len(system.state_names), np.zeros(0)
+    jacobian = system.rate.jacobian()(0, np.zeros(n), 0, 0, blank, blank, p, np.zeros(n))[1]
+    return np.linalg.eigvals(np.array(jacobian))
+
+
 def test_saturation_holds_the_drive_at_its_knees() -> None:
     drive = np.array([-200.0, -50.0, 0.0, 40.0, 50.0, 60.0, 100.0, 200.0])
     full = {"saturation.s": 1.0, "saturation.v_s": 50.0, "saturation.softness": 1e-3}
@@ -121,15 +133,9 @@ def test_the_slew_limit_follows_slow_drives_and_holds_fast_ones_to_its_rate() ->
 
 def test_charge_back_coupling_damps_by_kappa_d_omega_over_two() -> None:
     model = PiezoGain() + SecondOrder() + ChargeBackCoupling()
-    system = assemble(model, constants={})
-    values = Values.nominal(model).with_(
-        {"charge_back_coupling.kappa": 100.0, "charge_back_coupling.tau": 1e-6}
+    poles = poles_at_rest(
+        model, {"charge_back_coupling.kappa": 100.0, "charge_back_coupling.tau": 1e-6}
     )
-    n = len(system.state_names)
-    p = values.vector(system.parameter_names)
-    blank = np.zeros(0)
-    jacobian = system.rate.jacobian()(0, np.zeros(n), 0, 0, blank, blank, p, np.zeros(n))[1]
-    poles = np.linalg.eigvals(np.array(jacobian))
     slow = poles[np.abs(poles) < 1e5]
     omega = 6e3
     assert slow.size == 2
@@ -265,6 +271,127 @@ def test_prandtl_ishlinskii_is_the_sum_of_its_stops() -> None:
     np.testing.assert_allclose(states["prandtl_ishlinskii.z[3]"], z[:, 3], atol=1e-12)
 
 
+BENT = {"rho": 4e-8, "decay": 0.7, "r": 17.3, "above": -3e-8, "below": 1.4e-8, "t": 14.3}
+"""A law of plays whose dead zones are all reached by a drive between -30 V and 40 V.
+
+No corner of it falls on a sample, where a derivative has two sides.
+"""
+
+
+def of_plays(own: Mapping[str, float]) -> dict[str, float]:
+    """Values by full name."""
+    return {f"prandtl_ishlinskii.{k}": v for k, v in own.items()}
+
+
+def test_dead_zones_behind_the_plays_are_the_modified_law_of_kuhnen() -> None:
+    """The textbook's two superpositions, thresholds and weights as vectors, in metres."""
+    time, drive = wander()
+    drive = drive - 30.0
+    k, zones = 7, 3
+    reading, _ = respond(
+        PiezoGain() + PrandtlIshlinskii(k, zones), time, drive, of_plays(BENT), 1.0
+    )
+    weights = 4e-8 / k * np.exp(-0.7 * np.arange(k) / k)
+    whole = weights.sum()
+    played = plays(drive, BENT["r"] * np.arange(1, k + 1) / k) @ weights
+    steps = np.arange(1, zones + 1) / zones
+    thresholds = whole * BENT["t"] * np.concatenate([-steps[::-1], [0.0], steps])
+    gains = np.repeat([1.4e-8 / zones / whole, 1.0, -3e-8 / zones / whole], [zones, 1, zones])
+    bent = np.zeros_like(drive)
+    reached = []
+    for threshold, gain in zip(thresholds, gains, strict=True):
+        if threshold > 0.0:
+            part = np.maximum(played - threshold, 0.0)
+        elif threshold < 0.0:
+            part = np.minimum(played - threshold, 0.0)
+        else:
+            part = played
+        reached.append(np.abs(part).max() > 0.0)
+        bent += gain * part
+    assert all(reached)  # Else the drive would not test them.
+    np.testing.assert_allclose(reading, (GAIN - whole) * drive + bent, rtol=0, atol=1e-13)
+
+
+def test_dead_zones_make_the_branches_of_a_loop_differ() -> None:
+    """A closed loop of plays is its own mirror image; dead zones of one side add to one half."""
+    time = np.linspace(0.0, 5.0, 501)
+    drive = np.interp(time, np.arange(6.0), [0, 40, -40, 40, -40, 40])
+    down, up = slice(100, 201), slice(200, 301)
+
+    def skew(own: Mapping[str, float]) -> FloatArray:
+        reading, _ = respond(PiezoGain() + PrandtlIshlinskii(), time, drive, of_plays(own), 1.0)
+        return np.array(reading[down] + reading[up])
+
+    even = {**BENT, "r": 20.0, "above": 0.0, "below": 0.0}
+    np.testing.assert_allclose(skew(even), 0.0, atol=1e-18)
+    both = {**even, "above": -3e-8, "below": -3e-8, "t": 10.0}
+    np.testing.assert_allclose(skew(both), 0.0, atol=1e-18)
+    # At the corner every play of radius up to 20 V follows: e = 40 V less the mean radius.
+    shares = np.exp(-0.7 * np.arange(10) / 10)
+    e = 40.0 - shares @ (2.0 * np.arange(1, 11)) / shares.sum()
+    bent = skew({**both, "below": 0.0})
+    assert bent[0] == pytest.approx(-3e-8 * ((e - 5.0) + (e - 10.0)) / 2.0, rel=1e-9)
+    assert np.ptp(bent[:40]) > 1e-7
+
+
+def test_without_dead_zones_there_are_three_parameters_and_the_symmetric_law() -> None:
+    plain = PrandtlIshlinskii(dead_zones=0)
+    assert list(plain.parameters) == ["rho", "decay", "r"]
+    assert {"above", "below", "t"} < set(PrandtlIshlinskii().parameters)
+    time, drive = wander()
+    own = {"rho": 4e-8, "decay": 0.7, "r": 30.0}
+    one, _ = respond(PiezoGain() + plain, time, drive, of_plays(own), 1.0)
+    two, _ = respond(PiezoGain() + PrandtlIshlinskii(), time, drive, of_plays(own), 1.0)
+    np.testing.assert_array_equal(one, two)
+
+
+@pytest.mark.parametrize("count", [-1, 2.5, True, 101, "3"])
+def test_a_senseless_number_of_dead_zones_is_refused(count: object) -> None:
+    with pytest.raises(ModelError, match=r"prandtl_ishlinskii: dead_zones is .* whole number"):
+        PrandtlIshlinskii(dead_zones=count)  # type: ignore[arg-type]
+
+
+def test_sensitivities_of_reached_dead_zones_equal_finite_differences() -> None:
+    time, drive = wander()
+    model = PiezoGain() + PrandtlIshlinskii(5, 3)
+    values = Values.nominal(model).with_(of_plays(BENT))
+    names = tuple(of_plays(BENT))
+    record = Measurement(time, drive - 30.0, 1e-7 * drive)
+    run = Simulator(
+        model, record, values, directions=names, runtime=names, prefer_compiled=False,
+        substeps=Substeps(1.0, 1e9),
+    )  # fmt: skip
+    reading, slopes = run.with_sensitivities(values)
+    for column, name in enumerate(names):
+        step = 1e-6 * abs(values[name])
+        ahead = run.reading(values.with_({name: values[name] + step}))
+        behind = run.reading(values.with_({name: values[name] - step}))
+        slope = slopes[:, column]
+        assert np.abs(slope).max() * abs(values[name]) > 1e-2 * np.ptp(reading), name
+        error = np.abs(slope - (ahead - behind) / (2.0 * step)).max()
+        assert error <= 1e-6 * np.abs(slope).max(), name
+
+
+@pytest.mark.parametrize("share", [0.15, 0.4])
+def test_a_fit_finds_dead_zones_from_a_symmetric_start(share: float) -> None:
+    """From thresholds at a share of the drive's range, where a diagnosis begins as well."""
+    t = np.arange(600) / 100.0
+    corners = [0.0, 60, 10, 50, 20, 45, 0, 30, 5, 55, 15, 60, 0]
+    drive = np.interp(t, np.linspace(0.0, 6.0, len(corners)), corners)
+    model = PiezoGain() + PrandtlIshlinskii() + Offset()
+    truth = {k: v for k, v in BENT.items() if k != "below"}
+    blank = Measurement(t, drive, 1e-7 * drive)
+    reading = po.simulate(model, blank, of_plays(truth)).reading
+    noise = 1e-9 * np.random.default_rng(7).normal(size=t.size)
+    question = po.Identification(model, blank.with_(position=reading + noise))
+    fit = po.solve(question, start=of_plays({"r": share * 60.0, "t": share * 60.0}))
+    assert fit.rms < 1.05e-9
+    for name, value in of_plays(truth).items():
+        assert abs(fit.values[name] - value) < 4.0 * fit.std[name], name
+    assert fit.values["prandtl_ishlinskii.above"] == pytest.approx(-3e-8, rel=0.02)
+    assert fit.values["prandtl_ishlinskii.t"] == pytest.approx(BENT["t"], rel=0.02)
+
+
 @pytest.mark.parametrize("law", [PrandtlIshlinskii(), MaxwellSlip(), Preisach()])
 def test_play_laws_do_not_depend_on_the_sampling_and_forget_inner_loops(law: Effect) -> None:
     time, drive = wander()
@@ -366,6 +493,97 @@ def test_springs_come_to_rest_where_their_forces_balance() -> None:
     x = settled(base + CubicStiffness(), {"cubic_stiffness.k3": k3, "cubic_stiffness.x0": x0})
     assert omega2 * (s - x) == pytest.approx(k3 * ((x - x0) ** 3 + x0**3), rel=1e-4)
     assert x < 0.96 * s
+
+
+def test_a_loaded_actuator_has_its_closed_form() -> None:
+    """omega_L^2 = (k + k_L) / (m + M) with k = omega^2 m, the gain scaled alike."""
+    m, spring, damper, k_load, mass = 0.02, 7.2e5, 12.0, 2.5e5, 0.03
+    model = PiezoGain() + SecondOrder() + Load() + LoadMass()
+    omega = float(np.sqrt(spring / m))
+    values = {
+        "second_order.omega": omega, "second_order.zeta": damper / (2.0 * m * omega),
+        "load.k": k_load / m, "load_mass.ratio": mass / m,
+    }  # fmt: skip
+    poles = poles_at_rest(model, values)
+    assert poles.size == 2
+    loaded = (spring + k_load) / (m + mass)
+    np.testing.assert_allclose(np.abs(poles) ** 2, loaded, rtol=1e-12)
+    np.testing.assert_allclose(-2.0 * poles.real, damper / (m + mass), rtol=1e-12)
+    rest = settled(model, {**values, "second_order.zeta": 0.6})
+    assert rest == pytest.approx(GAIN * 50.0 * spring / (spring + k_load), rel=1e-6)
+    # Driven at the loaded resonance it swings to the static stroke over 2 zeta_L.
+    time = np.arange(0.0, 0.06, 2e-5)
+    at = float(np.sqrt(loaded))
+    swing, _ = respond(model, time, np.sin(at * time), values, 1e-5)
+    share = damper / (m + mass) / (2.0 * at)
+    largest = GAIN * spring / (spring + k_load) / (2.0 * share)
+    late = time > 0.04
+    assert np.exp(-share * at * 0.04) < 1e-2  # The transient has died away.
+    np.testing.assert_allclose(swing[late], -largest * np.cos(at * time[late]), atol=0.01 * largest)
+
+
+def test_a_carried_mass_is_moved_by_every_force() -> None:
+    time = np.linspace(0.0, 0.02, 401)
+    drive = 60.0 * np.sin(2.0 * np.pi * 150.0 * time)
+    rest = PiezoGain() + SecondOrder() + CubicStiffness() + Friction() + Load()
+    own = {"second_order.omega": 6e3, "second_order.zeta": 0.1, "cubic_stiffness.k3": 3e17,
+           "friction.F": 20.0, "friction.z0": 2e-7, "load.k": 1e7}  # fmt: skip
+    both = {"load_mass.ratio": 0.9, "load_mass_2.ratio": 0.6}
+    carried, _ = respond(rest + LoadMass() + LoadMass(), time, drive, {**own, **both}, 1e-5)
+    by = 2.5
+    root = float(np.sqrt(by))
+    lighter = {
+        **own, "second_order.omega": 6e3 / root, "second_order.zeta": 0.1 / root,
+        "cubic_stiffness.k3": 3e17 / by, "friction.F": 20.0 / by, "load.k": 1e7 / by,
+    }  # fmt: skip
+    same, _ = respond(rest, time, drive, lighter, 1e-5)
+    np.testing.assert_allclose(carried, same, rtol=0, atol=1e-9 * np.ptp(same))
+    bare, _ = respond(rest, time, drive, own, 1e-5)
+    assert np.abs(carried - bare).max() > 0.05 * np.ptp(same)
+
+
+def test_records_with_and_without_a_load_show_its_spring_and_its_mass() -> None:
+    time = np.arange(1200) / 20e3
+    drive = 20.0 * np.sin(2.0 * np.pi * (20.0 * time + 0.5 * (1200.0 - 20.0) / 0.06 * time**2))
+    model = PiezoGain() + SecondOrder() + Load() + LoadMass() + Offset()
+    shared = {"second_order.omega": 4e3, "second_order.zeta": 0.08}
+    records = []
+    for number, own in enumerate(({}, {"load.k": 6e6, "load_mass.ratio": 0.7})):
+        blank = Measurement(time, drive, 1e-7 * drive, name=f"load {number}")
+        reading = po.simulate(model, blank, {**shared, **own}).reading
+        noise = 2e-9 * np.random.default_rng(number).normal(size=time.size)
+        records.append(blank.with_(position=reading + noise))
+    unloaded = {"load.k[0]": 0.0, "load_mass.ratio[0]": 0.0}
+    fit = po.solve(po.Identification(model, records, fixed=unloaded, start=po.Start.REST))
+    for name, value in {**shared, "load.k[1]": 6e6, "load_mass.ratio[1]": 0.7}.items():
+        assert fit.values[name] == pytest.approx(value, rel=1e-3), name
+
+
+def test_a_search_tries_a_carried_mass_only_where_it_is_offered() -> None:
+    time = np.arange(400) / 20e3
+    drive = 20.0 * np.sin(2.0 * np.pi * 300.0 * time)
+    model = PiezoGain() + SecondOrder()
+    blank = Measurement(time, drive, 1e-7 * drive)
+    noise = 1e-9 * np.random.default_rng(3).normal(size=time.size)
+    record = blank.with_(position=po.simulate(model, blank, {}).reading + noise)
+    fit = po.solve(po.Identification(model, record, start=po.Start.REST))
+    others = [name for name in po.effects.CATALOGUE if name != "load_mass"]
+    alone = po.diagnose(fit, withhold=others, ladder=False)
+    assert alone.suspects == ()
+    offered = po.diagnose(fit, withhold=others, candidates=[LoadMass()], ladder=False)
+    assert [s.name for s in offered.suspects] == ["load_mass"]
+    assert offered.suspects[0].visibility < 1e-2
+
+
+def test_a_sticking_contact_is_a_spring_and_its_micro_damping_a_damper() -> None:
+    """LuGre before it slides: F / z0 beside the spring, F tau / z0 beside the damper."""
+    model = PiezoGain() + SecondOrder() + Friction()
+    values = {"friction.F": 10.0, "friction.z0": 1e-6, "friction.tau": 2e-5}
+    poles = poles_at_rest(model, values)
+    moving = poles[np.abs(poles) > 1.0]
+    np.testing.assert_allclose(np.abs(moving) ** 2, 6e3**2 + 10.0 / 1e-6, rtol=1e-9)
+    damping = 2.0 * 0.05 * 6e3 + 10.0 * 2e-5 / 1e-6
+    np.testing.assert_allclose(-2.0 * moving.real, damping, rtol=1e-9)
 
 
 def test_sliding_friction_carries_its_coulomb_force_against_the_motion() -> None:

@@ -33,6 +33,7 @@ from piezo_opt.effects import (
     Equations,
     HystereticForce,
     Load,
+    LoadMass,
     Model,
     NonlinearGain,
     Parameter,
@@ -298,7 +299,7 @@ def test_the_simulated_reading_at_null_is_that_without_the_effect(kind: type[Eff
 def test_the_order_of_a_balance_is_irrelevant(kind: type[Effect]) -> None:
     others: tuple[Effect, ...] = (
         RateDependence(), Asymmetry(), Creep(), NonlinearGain(), CubicStiffness(),
-        HystereticForce(), Load(),
+        HystereticForce(), Load(), LoadMass(),
     )  # fmt: skip
     partners = [e for e in others if not isinstance(e, kind)]
     model, name = around(kind, MECHANICS + Model.of(*partners))

@@ -11,13 +11,13 @@ from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
 @final
 @dataclass(frozen=True)
 class Load(Effect):
-    """Spring load, per unit mass of all that moves, one per record.
+    """Spring load, per unit mass of the unloaded actuator, one per record.
 
         x'' += -k x,   k = k_L / m
 
-    A load that never changes only renames omega and the gain, omega^2 -> omega^2 + k and
-    d -> d omega^2 / (omega^2 + k): it shows where records with different loads are fitted
-    together, one of them (the unloaded one) fixed at 0.
+    The load's mass is an effect of its own, load_mass. A load that never changes only renames
+    omega and the gain, omega^2 -> omega^2 + k and d -> d omega^2 / (omega^2 + k): it shows where
+    records with different loads are fitted together, one of them (the unloaded one) fixed at 0.
 
     References: Preumont (2011), Vibration Control of Active Structures, 3rd ed., ch. 4
     (piezoelectric stack against a spring).

@@ -1,31 +1,46 @@
-"""Prandtl-Ishlinskii hysteresis: a sum of play operators."""
+"""Prandtl-Ishlinskii hysteresis: a sum of play operators, bent by dead zones."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
-from piezo_opt.symbolic import exp, play, stack, sum_
+from piezo_opt.errors import ModelError
+from piezo_opt.symbolic import exp, max_, min_, play, stack, sum_
+
+_MOST = 100
+"""Largest number of dead zones on a side: a guard against a slip of the keyboard."""
 
 
 @final
 @dataclass(frozen=True)
 class PrandtlIshlinskii(Effect):
-    """Weighted play operators with an exponential density, in the place of bouc_wen.
+    """Weighted play operators, made asymmetric by dead zones, in the place of bouc_wen.
 
         z_i = min(max(z_i_before, v - r_i), v + r_i),   r_i = r i / k,   i = 1..k
         s += -sum_i w_i (v - z_i),   w_i = rho / k exp(-decay (i - 1) / k)
+        s += sum_j [above max(e - t_j, 0) + below min(e + t_j, 0)] / l
+        e = sum_i w_i z_i / sum_i w_i,   t_j = t j / l,   j = 1..l
 
-    v - z_i is the stop operator, so that piezo_gain's d stays the slope of large strokes. Exact
-    on every monotone stretch of the drive; at the start of a record z_i is that of a drive that
-    came from zero once.
+    v - z_i is the stop operator, so that piezo_gain's d stays the slope of large strokes. e is
+    what the k plays give, per weight; the l one-sided dead zones of either side add slope to it
+    beyond their thresholds, and the branches of the loop differ where above and below do. below is
+    kept at 0 unless freed: a drive that is never negative does not reach it. With dead_zones = 0
+    the law is the classical, symmetric one. The play of threshold 0 is piezo_gain's and passes by
+    the dead zones.
 
-    References: Kuhnen (2003), European Journal of Control 9(4), 407-418; Brokate & Sprekels
-    (1996), Hysteresis and Phase Transitions, Springer (play and stop operators).
+    Exact on every monotone stretch of the drive; at the start of a record z_i is that of a drive
+    that came from zero once.
+
+    References: Kuhnen (2003), European Journal of Control 9(4), 407-418 (modified law: dead-zone
+    operators behind the plays); Brokate & Sprekels (1996), Hysteresis and Phase Transitions,
+    Springer (play and stop operators).
     """
 
     operators: int = 10
+    dead_zones: int = 2
     place = Place.STRAIN
     structural = True
     z = State("V", "play of each operator", size="operators")
@@ -37,15 +52,53 @@ class PrandtlIshlinskii(Effect):
         typical=(0.0, 5.0),
     )  # fmt: skip
     r = Parameter("V", "largest threshold", nominal=50.0, bounds=(1e-6, 1e6), typical=(1.0, 150.0))
+    above = Parameter(
+        "m/V", "slope gained above all dead zones", nominal=0.0, bounds=(-1e-3, 1e-3),
+        typical=(-5e-8, 5e-8),
+    )  # fmt: skip
+    below = Parameter(
+        "m/V", "slope gained below all dead zones", nominal=0.0, bounds=(-1e-3, 1e-3),
+        typical=(-5e-8, 5e-8), fixed=True,
+    )  # fmt: skip
+    t = Parameter(
+        "V", "threshold of the widest dead zone", nominal=30.0, bounds=(1e-6, 1e6),
+        typical=(1.0, 100.0),
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        count: object = self.dead_zones
+        if not isinstance(count, int) or isinstance(count, bool) or not 0 <= count <= _MOST:
+            raise ModelError(
+                f"{self.name}: dead_zones is {count!r}; give a whole number from 0 (the "
+                f"symmetric law) to {_MOST}."
+            )
+
+    @property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """Those of this form: without dead zones there is nothing to bend."""
+        if self.dead_zones:
+            return self._parameters
+        return {k: self._parameters[k] for k in ("rho", "decay", "r")}
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement; each operator is dragged by the drive."""
         v, k = chain.drive.value, self.operators
         radii = stack([p.r * (i + 1) / k for i in range(k)])
-        weights = stack([p.rho / k * exp(-p.decay * i / k) for i in range(k)])
+        shares = stack([exp(-p.decay * i / k) for i in range(k)])
         dragged = play(x.z, v, radii)
+        looped = -p.rho / k * sum_(shares * (v - dragged))
         return Equations(
-            gives=-sum_(weights * (v - dragged)),
+            gives=looped + self._bent(sum_(shares * dragged) / sum_(shares), p),
             becomes={"z": dragged},
             starts={"z": play(0.0 * radii, v, radii)},
         )
+
+    def _bent(self, played: Any, p: Any) -> Any:
+        """What the dead zones add to the output of the plays."""
+        count, added = self.dead_zones, 0.0
+        for j in range(1, count + 1):
+            threshold = p.t * j / count
+            added += p.above / count * max_(played - threshold, 0.0)
+            added += p.below / count * min_(played + threshold, 0.0)
+        return added

@@ -20,9 +20,9 @@ class Preisach(Effect):
 
     A Preisach operator is a superposition, over the half-distance r of a relay's thresholds, of
     functions of the play of radius r. Its density is w(r) sech^2((centre - c) / b) here: relays
-    are rare far from the centre c, so the loop saturates and may be asymmetric, which
-    prandtl_ishlinskii's cannot. Unlike a grid of relays this is continuous, with derivatives by
-    every parameter. piezo_gain's d is the slope just after a turn.
+    are rare far from the centre c, so the loop saturates and may be asymmetric, which plays alone
+    cannot be. Unlike a grid of relays this is continuous, with derivatives by every parameter.
+    piezo_gain's d is the slope just after a turn.
 
     References: Preisach (1935), Zeitschrift fuer Physik 94, 277-302; Brokate & Sprekels (1996),
     Hysteresis and Phase Transitions, Springer (Preisach operators through plays).
