@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 
 from piezo_opt.diagnosis.noise import noise_floor
@@ -19,6 +20,7 @@ from piezo_opt.diagnosis.rung import Rung, Trial, bic_gain, judged, solved
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Place
+from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.shapes import own
@@ -99,11 +101,12 @@ def _chance(fit: Fit, rung: Rung, given: Identification) -> Rung:
     """The best fit that a contender can be brought to, from where it is and from a fresh start."""
     assert rung.suspect is not None
     best = _founded(fit, rung, given)
-    fresh = _fitted(fit, _fresh(fit, rung.suspect, given), rung.suspect)
-    if fresh is not None and fresh.fit.rms < _WORTH * best.fit.rms:
-        fresh = _founded(fit, fresh, given)
-        if bic_gain(best.fit, fresh.fit) > 0:
-            best = fresh
+    for trial in _fresh(fit, rung.suspect, given):
+        fresh = _fitted(fit, trial, rung.suspect)
+        if fresh is not None and fresh.fit.rms < _WORTH * best.fit.rms:
+            fresh = _founded(fit, fresh, given)
+            if bic_gain(best.fit, fresh.fit) > 0:
+                best = fresh
     return _shaped(fit, best, rung.suspect)
 
 
@@ -142,10 +145,8 @@ def _better(fit: Fit, best: Rung, trial: Trial, suspect: Suspect) -> Rung:
     return best if other is None or bic_gain(best.fit, other.fit) <= 0 else other
 
 
-def _fitted(fit: Fit, trial: Trial | None, suspect: Suspect) -> Rung | None:
+def _fitted(fit: Fit, trial: Trial, suspect: Suspect) -> Rung | None:
     """A trial and its fit; None where it has none, or an implausible one."""
-    if trial is None:
-        return None
     try:
         richer = solved(trial.question, trial.start, _ITERATIONS)
     except (PiezoOptError, ArithmeticError, ValueError):
@@ -154,26 +155,33 @@ def _fitted(fit: Fit, trial: Trial | None, suspect: Suspect) -> Rung | None:
     return rung if plausible(rung) else None
 
 
-def _fresh(fit: Fit, suspect: Suspect, given: Identification) -> Trial | None:
+def _fresh(fit: Fit, suspect: Suspect, given: Identification) -> list[Trial]:
     """The contender beside a base model that has forgotten what it was bent to without it."""
-    question = beside(fit, given, suspect)
-    try:
-        start = joint_start(question, question.model.names[-1])
-    except (PiezoOptError, ArithmeticError, ValueError):
-        return None
-    return Trial(question, start, suspect)
+    found = []
+    for trial in beside(fit, given, suspect):
+        with suppress(PiezoOptError, ArithmeticError, ValueError):
+            start = joint_start(trial.question, trial.question.model.names[-1])
+            found.append(replace(trial, start=start))
+    return found
 
 
-def beside(fit: Fit, given: Identification, suspect: Suspect) -> Identification:
-    """The question at the foot with what was added since, and a suspect.
+def beside(fit: Fit, given: Identification, suspect: Suspect) -> list[Trial]:
+    """The question at the foot with what was added since, and a suspect; nothing is known yet.
 
-    A force needs mechanics: those under which it was scored where the fit has none.
+    A force needs mechanics. Where the fit has none they join it; or the force acts under those,
+    too fast to be seen, under which it was scored.
     """
     question = forgetful(fit, given)
-    if fit.model.quasi_static and suspect.effect.place is Place.MOTION:
-        stiff = suspect.base.question
-        question = replace(question.with_model(stiff.model), fixed=stiff.fixed)
-    return question.with_model(question.model + suspect.effect)
+    if not (fit.model.quasi_static and suspect.effect.place is Place.MOTION):
+        return [Trial(question.with_model(question.model + suspect.effect), {}, suspect)]
+    moving = question.with_model(question.model + SecondOrder())
+    stiff = suspect.base.question
+    unseen = replace(question.with_model(stiff.model), fixed=stiff.fixed)
+    joined = (moving.model.names[-1],)
+    return [
+        Trial(moving.with_model(moving.model + suspect.effect), {}, suspect, joined),
+        Trial(unseen.with_model(unseen.model + suspect.effect), {}, suspect),
+    ]
 
 
 def forgetful(fit: Fit, given: Identification) -> Identification:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.contest import beside
@@ -78,7 +79,7 @@ def entrants(fit: Fit, given: Identification, suspects: Sequence[Suspect]) -> li
     """
     found = []
     for suspect in suspects:
-        question = beside(fit, given, suspect)
+        trial = beside(fit, given, suspect)[0]
         with suppress(PiezoOptError, ArithmeticError, ValueError):
-            found.append(Trial(question, starting_values(question, Monitor(())), suspect))
+            found.append(replace(trial, start=starting_values(trial.question, Monitor(()))))
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -37,15 +38,22 @@ class Friction(Effect):
     )
     stribeck = Parameter(
         "1", "static over sliding friction", nominal=1.0, bounds=(1.0, 5.0), typical=(1.0, 2.0),
-        fixed=True,
+        fixed=True, detail=True,
     )  # fmt: skip
     w_s = Parameter(
         "m/s", "Stribeck velocity", nominal=1e-3, bounds=(1e-9, 1e3), typical=(1e-5, 1e-1),
-        fixed=True,
+        fixed=True, detail=True,
     )  # fmt: skip
     tau = Parameter(
-        "s", "micro-damping time", nominal=0.0, bounds=(0.0, 1.0), typical=(0.0, 1e-4), fixed=True
-    )
+        "s", "micro-damping time", nominal=0.0, bounds=(0.0, 1.0), typical=(0.0, 1e-4), fixed=True,
+        detail=True,
+    )  # fmt: skip
+
+    def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
+        """Nearly the law of a hysteretic force: F = alpha / beta, z0 = 1 / beta."""
+        if other != "hysteretic_force" or own["beta"] <= 0.0:
+            return None
+        return {"F": own["alpha"] / own["beta"], "z0": 1.0 / own["beta"]}
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Own share of the acceleration and the contact's deflection."""
