@@ -30,6 +30,8 @@ class Unknown:
         scale: positive size by which solvers divide it.
         low, high: bounds.
         prior: None or what is known beforehand.
+        relative: whether it is a natural frequency or a force per mass, which change in proportion:
+            a stiffer actuator needs its forces as many times larger.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Unknown:
     low: float
     high: float
     prior: Prior | None
+    relative: bool = False
 
 
 @final
@@ -70,6 +73,11 @@ class Unknowns:
         """Upper bounds in order."""
         return np.array([u.high for u in self.members])
 
+    @property
+    def relative(self) -> NDArray[np.bool_]:
+        """Which change in proportion."""
+        return np.array([u.relative for u in self.members], dtype=bool)
+
     def values(self, theta: FloatArray) -> Values:
         """All values with these estimates."""
         return self.kept.with_(dict(zip(self.names, theta.tolist(), strict=True)))
@@ -91,6 +99,7 @@ class Unknowns:
         return np.clip(theta, self.low, self.high)
 
 
+_IN_PROPORTION = ("rad/s", "1/s^2", "m/s^2")
 _FINEST = 2e-3
 """Share of the stroke below which a distance is as good as none, and costly to follow."""
 
@@ -163,7 +172,8 @@ def unknowns(question: Identification, start: Values) -> Unknowns:
             given = abs(start.get(full, start.get(name, parameter.nominal)))
             size = max(given, 0.1 * parameter.scale) if given > 0 else parameter.scale
             prior = question.priors.get(full, question.priors.get(name))
-            members.append(Unknown(full, name, index, size, low, high, prior))
+            relative = parameter.unit in _IN_PROPORTION and low >= 0.0
+            members.append(Unknown(full, name, index, size, low, high, prior, relative))
     for index, record in enumerate(records):
         if question.start_of(record) is not Start.FREE:
             continue

@@ -30,6 +30,7 @@ _MOST: Final = 20_000_000
 """Sub-steps in one simulation beyond which the model is called too stiff."""
 _TRIES: Final = 32
 """Sub-steps over the first choice that are tried until a simulation is finite."""
+_DIVERGED: Final = 1e100
 _PATIENCE: Final = 3
 """Halvings without a gain before the best is taken: at first one may not reach the steep parts."""
 
@@ -152,7 +153,7 @@ def choose(
         if count > most and best is not None:
             return best
         if count > _MOST or (count > most and count > _TRIES * first.count(segment)):
-            if count > 16 * first.count(segment) and not np.isfinite(fine).all():
+            if count > 16 * first.count(segment) and not _bounded(fine):
                 raise ModelError(
                     "The simulation is not finite at these values, however small the sub-steps: "
                     "the model is unstable there; give other start values or tighter bounds."
@@ -163,7 +164,7 @@ def choose(
                 "constant or drop the mechanics, which the record cannot see."
             )
         coarse, fine = simulate(substeps), simulate(replace(substeps, times=2))
-        if np.isfinite(fine).all() and np.isfinite(coarse).all():
+        if _bounded(fine) and _bounded(coarse):
             change = float(np.sqrt(np.mean((fine - coarse) ** 2)))
             # How much a halving helps is measured, not assumed: corners lower the order.
             known = np.isfinite(before) and change > 0.0
@@ -176,3 +177,8 @@ def choose(
                 return best
             before = change
         substeps = substeps.halved()
+
+
+def _bounded(reading: FloatArray) -> bool:
+    """Whether a simulation has neither ended in NaN nor is on its way there."""
+    return bool(np.abs(reading).max(initial=0.0) < _DIVERGED)

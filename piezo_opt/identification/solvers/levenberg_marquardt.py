@@ -22,6 +22,10 @@ end the data cannot see (half as much in the rms)."""
 _HUGE = 1e100
 _FLAT = 1e-8
 """Largest share of the cost that a rejected step may have promised for none to lower it."""
+_SMALL = 1e-3
+"""Share of its size below which an unknown is stepped straight: zero has no logarithm."""
+_FAR = 1.5
+"""Longest step of a logarithm."""
 _BOLD, _RESTED = 1e-2, 3
 """Damping up to which one step that wins next to nothing tells that there is nothing to win, and
 how many of more cautious ones do."""
@@ -35,7 +39,8 @@ class LevenbergMarquardt:
         (J'J + lambda D) step = -J'r,   D = largest column norms so far
 
     Unknowns at a bound whose gradient points outward are left out of the step. The damping is
-    updated by the gain ratio (Nielsen).
+    updated by the gain ratio (Nielsen). Natural frequencies and forces per mass step in their
+    logarithms: the valley along which omega^2 and a force grow together is straight there.
 
     Args:
         iterations: most steps taken.
@@ -57,7 +62,7 @@ class LevenbergMarquardt:
     def minimise(self, objective: Objective, start: FloatArray) -> Solution:
         """From a start within the bounds to a minimum."""
         unknowns = objective.unknowns
-        scale, low, high = unknowns.scale, unknowns.low, unknowns.high
+        low, high, relative = unknowns.low, unknowns.high, unknowns.relative
         theta = unknowns.clip(start)
         point = objective.linearised(theta)
         cost = objective.cost(point.residual)
@@ -75,6 +80,8 @@ class LevenbergMarquardt:
         history, resting = [cost], 0
         for _ in range(self.iterations):
             weighted = objective.robust(point)
+            straight = ~relative | (theta < _SMALL * unknowns.scale)
+            scale = np.where(straight, unknowns.scale, theta)
             j = weighted.jacobian * scale
             # Squares of what is larger overflow.
             if not float(np.abs(j).max(initial=0.0)) < _HUGE:
@@ -83,7 +90,8 @@ class LevenbergMarquardt:
                     "The sensitivities are not finite at the best point; tighten the bounds.",
                 )  # fmt: skip
             gradient, normal = j.T @ weighted.residual, gram(j)
-            norms = np.maximum(norms, np.sqrt(np.diag(normal)))
+            now = np.sqrt(np.diag(normal))
+            norms = np.where(straight, np.maximum(norms, now), now)
             weight = np.where(norms > 0, norms, 1.0) ** 2
             held = ((theta <= low) & (gradient > 0)) | ((theta >= high) & (gradient < 0))
             held |= np.diag(normal) == 0.0
@@ -93,8 +101,10 @@ class LevenbergMarquardt:
                 return Solution(theta, Ending.CONVERGED, "the gradient vanished")
             while True:
                 step = _step(normal, gradient, weight, damping, moving)
-                trial = _towards(theta, step * scale, low, high, scale)
+                along = np.where(straight, step, np.expm1(np.clip(step, -_FAR, _FAR)))
+                trial = _towards(theta, along * scale, low, high, unknowns.scale)
                 step = (trial - theta) / scale
+                step = np.where(straight, step, np.log1p(np.maximum(step, -0.99)))
                 predicted = -float(gradient @ step + 0.5 * step @ normal @ step)
                 residual = objective.residual(trial)
                 trial_cost = objective.cost(residual)
