@@ -116,7 +116,10 @@ def race(fit: Fit, trials: Sequence[Trial], threads: int) -> list[Rung]:
         return Rung(trial, richer, bic_gain(fit, richer))
 
     def further(rung: Rung) -> Rung:
-        richer = solved(rung.fit.question, rung.fit.values, _LATER)
+        try:
+            richer = solved(rung.fit.question, rung.fit.values, _LATER)
+        except (PiezoOptError, ArithmeticError, ValueError):
+            return rung
         return replace(rung, fit=richer, delta_bic=bic_gain(fit, richer))
 
     with ThreadPoolExecutor(max_workers=threads) as pool:

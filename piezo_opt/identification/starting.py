@@ -86,7 +86,8 @@ def starting_values(question: Identification, monitor: Monitor) -> Values:
         n for n in declared
         if n not in settled and n.split(".")[0] in base and declared[n].unit == "rad/s"
     ]  # fmt: skip
-    if not shapes and not frequencies and not model.gates:
+    gates = [name for name, gate in model.gates.items() if gate not in settled]
+    if not shapes and not frequencies and not gates:
         return Values(start)
 
     # Gains that the drive multiplies are no longer gains of a line once there is a loop.
@@ -119,9 +120,8 @@ def starting_values(question: Identification, monitor: Monitor) -> Values:
     else:
         best = _scan_widths(search, start, shapes, swing)
     start.update(best)
-    for name in model.gates:
-        if model.gates[name] not in settled:
-            start.update(_scan_gate(question, name, start, monitor))
+    for name in gates:
+        start.update(_scan_gate(question, name, start, monitor))
     return Values(start)
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import piezo_opt as po
+from piezo_opt.diagnosis import contest as module
 from piezo_opt.diagnosis.base_point import BasePoint
-from piezo_opt.diagnosis.contest import contest, forgetful
+from piezo_opt.diagnosis.contest import beside, contest, forgetful
 from piezo_opt.diagnosis.held_out import HeldOut, hold_out
 from piezo_opt.diagnosis.ladder import climb
 from piezo_opt.diagnosis.refinements import (
@@ -23,6 +24,7 @@ from piezo_opt.diagnosis.refinements import (
 )
 from piezo_opt.diagnosis.rung import Rung, adding, bic_gain, race, solved
 from piezo_opt.diagnosis.scores import effective_samples, score
+from piezo_opt.diagnosis.shortlist import entrants
 from piezo_opt.effects import (
     AmplifierLag,
     Backlash,
@@ -30,6 +32,7 @@ from piezo_opt.effects import (
     Drift,
     Effect,
     Friction,
+    HystereticForce,
     NonlinearGain,
     SecondOrder,
 )
@@ -222,3 +225,99 @@ def test_a_detail_that_was_freed_in_vain_is_fixed_again() -> None:
     assert slim.delta_bic > rung.delta_bic
     counted = lean(fit, replace(rung, delta_bic=500.0))
     assert counted.delta_bic - 500.0 == pytest.approx(slim.delta_bic - rung.delta_bic)
+
+
+def test_everybody_enters_beside_a_base_that_has_forgotten() -> None:
+    time = clock(2000)
+    creep = Creep(elements=1), {"c": 0.03, "tau": 0.1}
+    fit = fitted(STILL, measured(STILL, time, rich(time), creep))
+    bent = solved(fit.question, {**fit.values, "bouc_wen.beta": 0.5}, 1)
+    suspects, _ = score(
+        BasePoint(bent), [Creep(), Creep(elements=1), Friction()], 1, BasePoint(moving(bent))
+    )
+    trials = entrants(bent, po.Identification(STILL, fit.records[0]), suspects)
+    assert [t.suspect for t in trials] == list(suspects)
+    for trial in trials:
+        assert trial.suspect is not None
+        assert trial.start["bouc_wen.beta"] != bent.values["bouc_wen.beta"]
+        joined = () if trial.suspect.name == "creep" else ("second_order",)
+        assert trial.refines == joined
+        assert not trial.question.fixed
+    (single,) = (t for t in trials if t.suspect and t.suspect.effect == Creep(elements=1))
+    assert solved(single.question, single.start).rms == pytest.approx(NOISE, rel=0.05)
+
+
+def moving(fit: po.Fit) -> po.Fit:
+    stiff = stiffened(fit)
+    assert stiff is not None
+    return stiff
+
+
+def test_a_force_is_tried_with_mechanics_of_its_own_and_with_unseen_ones() -> None:
+    time = clock(1000)
+    fit = fitted(STILL, measured(STILL, time, triangle(time, 1.0)))
+    stiff = moving(fit)
+    (suspect,), _ = score(BasePoint(fit), [Friction()], 1, BasePoint(stiff))
+    free, unseen = beside(fit, fit.question, suspect)
+    assert free.refines == ("second_order",)
+    assert not free.question.fixed
+    assert unseen.refines == ()
+    assert unseen.question.fixed == stiff.question.fixed
+    (plain,) = beside(stiff, fit.question, suspect)
+    assert plain.refines == ()
+
+
+def test_static_friction_and_micro_damping_are_details_of_friction() -> None:
+    """LuGre's terms: no second effect is named beside it, nor a mount in its place."""
+    time = clock(4000)
+    contact = {"F": 0.05, "z0": 4e-7, "stribeck": 1.4, "w_s": 1e-4, "tau": 1e-3}
+    drive = rich(time)
+    hidden = Friction(), contact
+    fit = fitted(MOVING, measured(MOVING, time, drive, hidden))
+    (suspect,), _ = score(BasePoint(fit), [Friction()], 1)
+    (rung,) = race(fit, [adding(suspect)], 1)
+    assert rung.fit.rms > 3.0 * NOISE
+    (details,) = (t for t in shape_refinements(rung.fit) if "friction.tau" in t.refines)
+    assert details.refines == ("friction.stribeck", "friction.w_s", "friction.tau")
+    found = solved(details.question, details.start)
+    assert found.rms == pytest.approx(NOISE, rel=0.03)
+    assert found.values["friction.stribeck"] == pytest.approx(1.4, rel=0.1)
+
+
+def test_friction_begins_at_what_a_mount_does() -> None:
+    own = {"alpha": 6e9, "beta": 3e6, "gamma": 1.0, "delta": 0.0}
+    like = Friction().like("hysteretic_force", own)
+    assert like == {"F": 2000.0, "z0": pytest.approx(1 / 3e6)}
+    assert HystereticForce().like("friction", {k: float(v) for k, v in like.items()}) == (
+        pytest.approx(own)
+    )
+    assert Friction().like("creep", own) is None
+
+
+def test_where_the_best_leaves_no_structure_only_close_ones_are_in_the_contest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    time = clock(2000)
+    creep = Creep(elements=1), {"c": 0.03, "tau": 0.1}
+    fit = fitted(STILL, measured(STILL, time, rich(time), creep))
+    suspects, _ = score(BasePoint(fit), [Creep(elements=1), Drift(), AmplifierLag()])
+    rungs = race(fit, [adding(s) for s in suspects], 1)
+    best = min(r.fit.rms for r in rungs)
+    far = {r.suspect.name for r in rungs if r.suspect and r.fit.rms > 1.25 * best}
+    assert far
+    fought: list[str] = []
+
+    def watched(_: po.Fit, rung: Rung, __: po.Identification) -> Rung:
+        assert rung.suspect is not None
+        fought.append(rung.suspect.name)
+        return rung
+
+    monkeypatch.setattr(module, "_chance", watched)
+    monkeypatch.setattr(module, "_explained", lambda _: False)
+    monkeypatch.setattr(module, "_NEAR", 100.0)
+    for quiet in (True, False):
+        fought.clear()
+        monkeypatch.setattr(module, "settled", lambda _, quiet=quiet: quiet)
+        contest(fit, rungs, fit.question, 1)
+        assert bool(far & set(fought)) is not quiet
+        assert "creep" in fought

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ from tests.diagnosis.plants import (
     MOVING,
     NOISE,
     STILL,
+    TRUTH,
     clock,
     fitted,
     measured,
@@ -198,6 +200,9 @@ def test_an_interrupt_ends_the_ladder_and_not_only_its_refit(
         climb(ladder.baseline, held, [Creep()], threads=1)
 
 
+TRUTH_STILL = {n: v for n, v in TRUTH.items() if n in STILL.parameters}
+
+
 def crowded(*hidden: tuple[Effect, dict[str, float]]) -> po.Fit:
     """A fit with creep, a drift and a bent gain, to a record in which these are."""
     time = clock(1500)
@@ -271,3 +276,35 @@ def test_dropping_is_tried_from_fresh_starts_too(monkeypatch: pytest.MonkeyPatch
     # Once with each effect that is left: its shapes are searched together with the loop.
     assert len(jointly) == 2
     assert all(trial.question == anew.question for trial in jointly)
+
+
+def test_a_held_out_record_of_something_else_does_not_veto() -> None:
+    """It rings where the fitted one stood still: its error says nothing of a small effect."""
+    random = np.random.default_rng(0)
+    before = 50.0 * random.normal(size=4000)
+    after = before + 7.0 * random.normal(size=4000)
+    assert not agrees(before, after)
+    assert not agrees(before, after, fitted=50.0)
+    assert agrees(before, after, fitted=10.0)
+    assert not agrees(before, 1.05 * after, fitted=10.0)
+
+
+def test_what_is_lost_is_tried_afresh(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each candidate beside a base that begins where a first fit would, and only where lost."""
+    fit = crowded(CREEP)
+    begun: list[bool] = []
+    tried = module.entrants
+
+    def counted(*given: Any) -> list[Trial]:
+        begun.append(True)
+        return tried(*given)
+
+    monkeypatch.setattr(module, "entrants", counted)
+    question = po.Identification(STILL, fit.records)
+    base = solved(question, TRUTH_STILL)
+    climb(base, HeldOut(question, None, ""), [Creep(elements=1), Drift()], threads=1)
+    assert not begun
+    monkeypatch.setattr(module, "_LOST", 0.0)
+    monkeypatch.setattr(module, "settled", lambda _: False)
+    climb(base, HeldOut(question, None, ""), [Creep(elements=1), Drift()], threads=1)
+    assert begun

@@ -194,3 +194,61 @@ def test_the_gain_stops_at_its_bound_and_the_offset_follows() -> None:
     found = solved(po.Identification(LINE, record, bounds={D: (0.0, 0.8e-7)}), {D: 0.5e-7})
     assert found[D] == 0.8e-7
     assert found[Y0] == pytest.approx(3e-7 + 0.2e-7 * DRIVE.mean(), rel=1e-6)
+
+
+@final
+@dataclass
+class Stiff(Valley):
+    """A force over omega^2 is known to a thousandth, omega itself hardly: zero at (4, 16)."""
+
+    relative: bool = True
+
+    def __post_init__(self) -> None:
+        self.unknowns = Unknowns(
+            (
+                Unknown("omega", "omega", None, 1.0, 0.0, 1e3, None, self.relative),
+                Unknown("force", "force", None, 1.0, 0.0, 1e6, None, self.relative),
+            ),
+            po.Values({}),
+            1,
+        )
+        self.monitor = Monitor(self.unknowns.names)
+
+    def residual(self, theta: FloatArray) -> FloatArray:
+        omega, force = theta
+        return np.array([1e3 * (force / omega**2 - 1.0), np.log(omega / 4.0)])
+
+    def linearised(self, theta: FloatArray) -> Linearised:
+        omega, force = theta
+        rows = [[-2e3 * force / omega**3, 1e3 / omega**2], [1.0 / omega, 0.0]]
+        return Linearised(self.residual(theta), np.array(rows))
+
+
+def test_a_force_grows_with_the_square_of_the_frequency_in_a_straight_line() -> None:
+    """In logarithms the valley is straight; without, it is climbed in small steps."""
+    spent = {}
+    for relative in (True, False):
+        valley = Stiff(relative=relative)
+        solver = LevenbergMarquardt(tolerance=1e-12)
+        solution = solver.minimise(cast(Objective, valley), np.array([1.0, 1.5]))
+        np.testing.assert_allclose(solution.theta, [4.0, 16.0], rtol=1e-6)
+        spent[relative] = valley.monitor.trace.rms.size
+    assert spent[True] < 15
+    assert spent[False] > 2 * spent[True]
+
+
+def test_from_nothing_a_force_begins_straight() -> None:
+    valley = Stiff()
+    solver = LevenbergMarquardt(tolerance=1e-12)
+    solution = solver.minimise(cast(Objective, valley), np.array([4.0, 0.0]))
+    np.testing.assert_allclose(solution.theta, [4.0, 16.0], rtol=1e-6)
+
+
+def test_cautious_steps_are_no_convergence() -> None:
+    """A step cut short by heavy damping promises little; that the cost is flat it does not say."""
+    rough, fine = Valley(), Valley()
+    theta, ending, _ = descended(rough, tolerance=1e-2)
+    descended(fine)
+    assert ending is Ending.CONVERGED
+    np.testing.assert_allclose(theta, 1.0, atol=1e-2)
+    assert rough.monitor.trace.rms.size <= fine.monitor.trace.rms.size

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from piezo_opt.identification.statistics import blind_spots, uncertainty
+from piezo_opt.identification.statistics import (
+    _autocorrelation,
+    _long_run,
+    blind_spots,
+    uncertainty,
+)
 from piezo_opt.measurement import FloatArray
 
 N = 600
@@ -144,3 +149,20 @@ def test_a_nuisance_alone_is_not_talked_about() -> None:
     columns = WAVES[:, :3].copy()
     columns[:, 2] *= 1e-9
     assert told((*NAMES[:2], "initial.bouc_wen.h"), columns) == ()
+
+
+@pytest.mark.parametrize(("rows", "lags"), [(50, 0), (50, 7), (9, 8), (600, 150)])
+def test_the_long_run_covariance_is_its_sum_over_lags(rows: int, lags: int) -> None:
+    score = np.random.default_rng(rows + lags).normal(size=(rows, 3))
+    middle = score.T @ score
+    for lag in range(1, lags + 1):
+        cross = score[lag:].T @ score[:-lag]
+        middle += (1.0 - lag / (lags + 1.0)) * (cross + cross.T)
+    np.testing.assert_allclose(_long_run(score, lags), middle, rtol=1e-10, atol=1e-10)
+
+
+def test_the_autocorrelation_is_its_sum() -> None:
+    r = np.random.default_rng(1).normal(size=101)
+    away = r - r.mean()
+    by_hand = [away[k:] @ away[:-k] / (away @ away) for k in range(1, 41)]
+    np.testing.assert_allclose(_autocorrelation(r, 40), by_hand, atol=1e-12)

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import piezo_opt as po
-from piezo_opt.effects import AmplifierLag, BoucWen, Creep, Drift, Friction, Offset, PiezoGain
+from piezo_opt.effects import (
+    AmplifierLag,
+    BoucWen,
+    Creep,
+    Drift,
+    Friction,
+    HystereticForce,
+    Offset,
+    PiezoGain,
+    SecondOrder,
+)
 from piezo_opt.identification.unknowns import Unknowns, falls, limits, theta_of, unknowns
 from tests.identification.truth import MOVING, STILL, TRUTH, loops, record
 
@@ -151,3 +163,19 @@ def test_a_mirrored_actuator_is_fitted() -> None:
     truth = {**TRUTH, "piezo_gain.d": -1.2e-7, "bouc_wen.alpha": -4e-8}
     fit = po.solve(po.Identification(STILL, record(STILL, truth, TIME, DRIVE)))
     assert {n: fit.values[n] for n in truth} == pytest.approx(truth, rel=1e-3)
+
+
+def test_frequencies_and_forces_per_mass_change_in_proportion() -> None:
+    time = np.arange(100) / 100.0
+    record = po.Measurement(time, 10.0 * np.sin(time), 1e-6 * np.sin(time))
+    model = PiezoGain() + SecondOrder() + Friction() + HystereticForce()
+    question = po.Identification(model, record)
+    unknown = unknowns(question, po.Values.nominal(model))
+    chosen = {m.name for m in unknown.members if m.relative}
+    assert chosen == {"second_order.omega", "friction.F", "hysteretic_force.alpha"}
+    assert unknown.relative.tolist() == [m.relative for m in unknown.members]
+    # A force that the user lets be negative has no logarithm.
+    free = replace(question, bounds={"friction.F": (-1.0, 1.0)})
+    assert not {m.name: m.relative for m in unknowns(free, po.Values.nominal(model)).members}[
+        "friction.F"
+    ]
