@@ -30,6 +30,8 @@ _EXPLAINED = 1.08
 """Error over the noise floor up to which nothing is left to be won."""
 _NEAR = 2.5
 """Error over the best contender's up to which another one is still in the contest."""
+_LEVEL = 1.1
+"""The same where the best leaves but noise."""
 _CLOSE = 1.25
 """The same where the best leaves no structure."""
 _FAR = 1.5
@@ -60,9 +62,14 @@ def contest(
     named = _best_of_each(rungs)
     if not named:
         return first
-    if _explained(min(rungs, key=lambda r: r.fit.rms).fit):
-        return first
     best = named[0].fit
+    if _explained(min(rungs, key=lambda r: r.fit.rms).fit):
+        # A law with more freedom gets there first; in its details another one may be exact.
+        level = [r for r in named if r.fit.rms < _LEVEL * best.rms][:_MOST]
+        if len(level) < 2:
+            return first
+        with ThreadPoolExecutor(max_workers=threads) as pool:
+            return judged(fit, [*rungs, *pool.map(lambda r: _detailed(fit, r), level)])
     near = _CLOSE if settled(best) else _NEAR
     contenders = [r for r in named if r.fit.rms < near * best.rms][:_MOST]
     if any(not effect.structural for _, effect in fit.model):
@@ -133,7 +140,13 @@ def _after(fit: Fit, rung: Rung, other: Rung) -> Rung | None:
     return None if best is rung else _shaped(fit, best, rung.suspect)
 
 
+def _detailed(fit: Fit, rung: Rung) -> Rung:
+    assert rung.suspect is not None
+    return _shaped(fit, rung, rung.suspect)
+
+
 def _shaped(fit: Fit, best: Rung, suspect: Suspect) -> Rung:
+    """A contender in more detail of its own, as far as that pays."""
     for trial in shape_refinements(best.fit):
         if all(name.startswith(f"{suspect.name}.") for name in trial.refines):
             best = _better(fit, best, trial, suspect)

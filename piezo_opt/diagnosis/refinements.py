@@ -14,6 +14,7 @@ from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain, solved
 from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, Identification
+from piezo_opt.identification.default import shown
 from piezo_opt.identification.shapes import detail_start, own
 from piezo_opt.identification.starting import resonance_start
 
@@ -21,8 +22,6 @@ _STIFF = (12.0, 40.0)
 """Natural frequencies of mechanics too fast to be seen, over the sampling rate."""
 _UNSEEN = 1.02
 """Error over the quasi-static one's up to which mechanics count as too fast to be seen."""
-_DAMPED = 0.7
-"""Mechanics with more damping have no peak and no ringing: a lag would do as well."""
 
 
 def refinements(fit: Fit, given: Identification) -> list[Trial]:
@@ -113,12 +112,16 @@ def lean(fit: Fit, rung: Rung) -> Rung:
 def plausible(rung: Rung) -> bool:
     """Whether mechanics that joined show a resonance, and what was freed found a value.
 
-    A lag in the guise of mechanics is none; a loop whose exponent runs to its bound imitates
-    something else.
+    A lag in the guise of mechanics is none, nor a phase where the drive shakes nothing; a loop
+    whose exponent runs to its bound imitates something else.
     """
-    values, freed = rung.fit.values, rung.trial.refines
+    values, freed, record = rung.fit.values, rung.trial.refines, rung.fit.records[0]
     at_bound = rung.suspect is None and set(freed) & set(rung.fit.at_bound)
-    return not at_bound and all(values.get(f"{name}.zeta", 0.0) < _DAMPED for name in freed)
+    return not at_bound and all(
+        shown(record, values[f"{name}.omega"], values[f"{name}.zeta"])
+        for name, effect in rung.fit.model
+        if name in freed and isinstance(effect, SecondOrder)
+    )
 
 
 def stiffened(fit: Fit) -> Fit | None:

@@ -20,7 +20,9 @@ FloatArray = NDArray[np.float64]
 _SLOW = 5.0
 """Residual over the high-frequency floor beyond which noise would have to be very slow (a
 first-order correlation above 0.92 from sample to sample)."""
-_RARE = 1e-4
+_PLAYS = (0.1, 0.3, 0.6)
+"""Widths over the drive's range: a loop of another shape leaves what such memories give."""
+_RARE = 1e-5
 _MATERIAL = 1.06
 """Residual over the floor below which what is left is less than a third of the noise."""
 
@@ -92,7 +94,12 @@ def _library(record: Measurement, reading: FloatArray) -> dict[str, FloatArray]:
     turned = np.concatenate([[True], way[1:] * way[:-1] < 0])
     since = t - np.maximum.accumulate(np.where(turned, t, t[0]))
     settle = np.log1p(since / record.step)
+    plays = {
+        f"the drive through a play of {share:.0%} of its range": _play(v, 0.5 * share)
+        for share in _PLAYS
+    }
     return {
+        **plays,
         "the drive's square": v**2,
         "the drive's cube": v**3,
         "the drive's rate": speed,
@@ -108,6 +115,15 @@ def _library(record: Measurement, reading: FloatArray) -> dict[str, FloatArray]:
         "the time since the last reversal, by branch": settle * way,
         "the time": t - t.mean(),
     }
+
+
+def _play(v: FloatArray, half: float) -> FloatArray:
+    """What a play of this half width makes of a signal: the simplest memory of its turns."""
+    at, followed = float(v[0]), []
+    for now in v.tolist():
+        at = min(max(at, now - half), now + half)
+        followed.append(at)
+    return np.array(followed)
 
 
 def _bursts(r: FloatArray) -> str | None:

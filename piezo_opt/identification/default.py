@@ -23,6 +23,10 @@ from piezo_opt.measurement import Campaign, Measurement
 
 _STILL = 1e-9
 """Share of the drive's power near a resonance below which the drive cannot have shown it."""
+_SHAKEN = 3e-8
+"""The same for a resonance that a first fit did not see."""
+_SAMPLED = 2.5
+"""Fewest samples a cycle."""
 _DAMPED = 0.7
 """A resonance with more damping has no peak and no ringing: a lag would do as well."""
 
@@ -66,7 +70,7 @@ def default_model(
                 f"the drive has no power near the best resonance ({omega / 2 / np.pi:.3g} Hz)",
             ),
         )
-    if omega * short.step > 2.0 * np.pi / 2.5:
+    if omega * short.step > 2.0 * np.pi / _SAMPLED:
         return still, (
             _sentence(
                 record,
@@ -75,6 +79,17 @@ def default_model(
             ),
         )
     return moving, ()
+
+
+def shown(record: Measurement, omega: float, zeta: float) -> bool:
+    """Whether a record shows a resonance that a first fit did not see.
+
+    Damped below 0.7, sampled, and driven by more than the first fit asks for: beside an effect, a
+    resonance is one more way to bend a loop. The hundredth harmonic of a triangle has 1e-7 of its
+    power nearby; the noise of a sine that was recorded has a thousandth of that.
+    """
+    sampled = omega * record.step <= 2.0 * np.pi / _SAMPLED
+    return zeta < _DAMPED and sampled and excitation(record, omega) >= _SHAKEN
 
 
 def excitation(record: Measurement, omega: float) -> float:

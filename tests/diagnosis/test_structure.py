@@ -12,8 +12,18 @@ from scipy import signal
 import piezo_opt as po
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.diagnosis.structure import Structure, structure
+from piezo_opt.effects import BoucWen, PrandtlIshlinskii
 from piezo_opt.measurement import FloatArray
-from tests.diagnosis.plants import NOISE, STILL, clock, fitted, measured, rich, triangle
+from tests.diagnosis.plants import (
+    NOISE,
+    STILL,
+    clock,
+    fitted,
+    measured,
+    minor_loops,
+    rich,
+    triangle,
+)
 
 TIME = clock()
 
@@ -138,3 +148,16 @@ def test_what_is_far_above_the_floor_is_not_called_noise(clean: po.Fit) -> None:
     assert said.left
     assert any("was not recorded" in clue for clue in said.clues)
     assert not any("was not recorded" in clue for clue in left_by(clean, slow(0, 0.9)).clues)
+
+
+def test_a_loop_of_another_law_is_heard() -> None:
+    """A record without a word on it would call the wrong law complete at 1.4 times the noise."""
+    noise = 1e-8
+    law = PrandtlIshlinskii(dead_zones=0)
+    fit = po.solve(po.Identification(STILL, minor_loops(law, {"r": 24.0, "rho": 3e-8}, noise)))
+    assert 1.3 * noise < fit.rms < 1.6 * noise
+    (clue,) = structure(fit, noise_floor(fit)).clues
+    assert "a play of" in clue
+    own = BoucWen(), {"alpha": 3e-8, "beta": 0.03, "gamma": 5e-3}
+    right = po.solve(po.Identification(STILL, minor_loops(*own, noise)))
+    assert structure(right, noise_floor(right)).clues == ()
