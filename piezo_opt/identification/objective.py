@@ -19,6 +19,8 @@ MOST_A_SAMPLE = 64
 """Sub-steps a sample beyond which a finer scheme costs more than it tells."""
 ENOUGH_A_SAMPLE = 16
 """The same where models are compared, not estimated."""
+DIVERGED = 1e100
+"""What no reading and no sensitivity reaches."""
 FINEST = 1e-8
 """Scheme error as a share of the reading's range beyond which nothing is refined."""
 
@@ -36,6 +38,12 @@ class Linearised:
 
     residual: FloatArray
     jacobian: FloatArray
+
+    @property
+    def usable(self) -> bool:
+        """Whether everything is finite, squares included: a simulation that diverges is not."""
+        worst = max(np.abs(a).max(initial=0.0) for a in (self.residual, self.jacobian))
+        return bool(worst < DIVERGED)
 
 
 @final
@@ -164,7 +172,7 @@ class Objective:
     def cost(self, residual: FloatArray) -> float:
         """Half the sum of the loss over the residuals [m^2]."""
         # A diverging simulation is no better than an infinite one, and must not overflow.
-        if not np.isfinite(residual).all() or float(np.abs(residual).max(initial=0.0)) > 1e100:
+        if not np.isfinite(residual).all() or float(np.abs(residual).max(initial=0.0)) > DIVERGED:
             return float("inf")
         return 0.5 * float(np.sum(_rho(residual, self.question.loss)))
 

@@ -110,7 +110,7 @@ def _finish(
     k = theta.size
     covariance, coloured = np.full((k, k), np.nan), False
     blind: tuple[str, ...] = ()
-    if np.isfinite(weighted.jacobian).all() and np.isfinite(weighted.residual).all():
+    if weighted.usable:
         scaled = weighted.jacobian * scale
         known = uncertainty(weighted.residual, scaled, free, objective.samples)
         covariance, coloured = known.covariance * np.outer(scale, scale), known.coloured

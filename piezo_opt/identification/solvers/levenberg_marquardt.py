@@ -19,7 +19,6 @@ _PATIENCE, _CRAWL = 20, 1e-3
 """So many iterations that lower the cost by less than this share are a crawl along a valley whose
 end the data cannot see (half as much in the rms)."""
 
-_HUGE = 1e100
 _FLAT = 1e-8
 """Largest share of the cost that a rejected step may have promised for none to lower it."""
 _SMALL = 1e-3
@@ -83,8 +82,7 @@ class LevenbergMarquardt:
             straight = ~relative | (theta < _SMALL * unknowns.scale)
             scale = np.where(straight, unknowns.scale, theta)
             j = weighted.jacobian * scale
-            # Squares of what is larger overflow.
-            if not float(np.abs(j).max(initial=0.0)) < _HUGE:
+            if not weighted.usable:
                 return Solution(
                     theta, Ending.FAILED,
                     "The sensitivities are not finite at the best point; tighten the bounds.",
