@@ -20,6 +20,8 @@ from piezo_opt.identification.starting import resonance_start
 
 _STIFF = (12.0, 40.0)
 """Natural frequencies of mechanics too fast to be seen, over the sampling rate."""
+_ASIDE = 20
+"""Iterations without a detail: whoever needs more without it has paid for it."""
 _UNSEEN = 1.02
 """Error over the quasi-static one's up to which mechanics count as too fast to be seen."""
 
@@ -100,6 +102,7 @@ def lean(fit: Fit, rung: Rung) -> Rung:
             poorer = solved(
                 replace(kept, values={**kept.values, name: held}),
                 {**rung.fit.values, name: held},
+                _ASIDE,
             )
         except (PiezoOptError, ArithmeticError):
             continue

@@ -29,6 +29,8 @@ _ROUGH, _CLOSE = 1e-4, 1e-5
 independent samples is a thousandth of the cost."""
 _RACE = 1.5
 """Error over the best rival's beyond which a refit is out of the race..."""
+_BEHIND = 1.1
+"""Error over that of the fit below up to which more detail is."""
 _PODIUM = 3
 """...unless it is among the best."""
 
@@ -128,8 +130,13 @@ def race(fit: Fit, trials: Sequence[Trial], threads: int) -> list[Rung]:
             return []
         near = _RACE * min(r.fit.rms for r in rungs)
         third = sorted(r.fit.rms for r in rungs)[:_PODIUM][-1]
-        # More detail of what the model has is followed in any case: it comes before another name.
-        worth = [r.suspect is None or r.fit.rms <= max(near, third) for r in rungs]
+        # More detail of what the model has comes before another name: it is followed unless it
+        # has lost what it began with.
+        detail = _BEHIND * fit.rms
+        worth = [
+            r.fit.rms <= max(near, third) or (r.suspect is None and r.fit.rms <= detail)
+            for r in rungs
+        ]
         running = [r for r, w in zip(rungs, worth, strict=True) if w and not r.fit.outcome.success]
         return [*(r for r in rungs if r not in running), *pool.map(further, running)]
 
