@@ -7,7 +7,7 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.effects import SecondOrder
-from piezo_opt.identification.default import excitation
+from piezo_opt.identification.default import excitation, shown
 from piezo_opt.measurement import FloatArray
 from tests.identification.truth import MOVING, STILL, TRUTH, record
 
@@ -88,3 +88,20 @@ def test_a_campaign_is_judged_by_its_first_record() -> None:
     blind = record(STILL, TRUTH, time, drive, noise=5e-9).rename("blind")
     assert SecondOrder in {type(e) for _, e in po.default_model([seen, blind])[0]}
     assert SecondOrder not in {type(e) for _, e in po.default_model([blind, seen])[0]}
+
+
+def test_a_resonance_that_joins_later_must_be_shaken() -> None:
+    """The hundredth harmonic of a triangle shows one; the noise of a recorded sine does not."""
+    time = np.arange(8000) / 4000.0
+    triangle = po.Measurement(
+        time, 60.0 * np.abs((8.0 * time + 1.0) % 2.0 - 1.0), 1e-7 * time, allow_saturated=True
+    )
+    wave = 30.0 * np.sin(2.0 * np.pi * 4.0 * time)
+    noise = 3e-3 * np.random.default_rng(0).normal(size=time.size)
+    sine = po.Measurement(time, wave + noise, 1e-7 * wave)
+    omega = 2.0 * np.pi * 400.0
+    assert 1e-9 < excitation(sine, omega) < 3e-8 < excitation(triangle, omega)
+    assert shown(triangle, omega, 0.1)
+    assert not shown(sine, omega, 0.1)
+    assert not shown(triangle, omega, 0.8)
+    assert not shown(triangle, 2.0 * np.pi * 1700.0, 0.1)

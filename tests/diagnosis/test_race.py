@@ -1,0 +1,96 @@
+"""Refits race: a few iterations for all, the rest for those worth following."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from piezo_opt.diagnosis import contest, rung
+from piezo_opt.diagnosis.rung import Rung, Trial, race
+from piezo_opt.errors import ModelError
+
+BELOW: Any = SimpleNamespace(rms=2.0)
+
+
+def ending(error: float, *, converged: bool = False) -> Any:
+    """A fit as the race reads it; its question is itself, to be told apart."""
+    found = SimpleNamespace(rms=error, outcome=SimpleNamespace(success=converged), values={})
+    found.question = found
+    return found
+
+
+def entering(error: float, suspect: Any = True, *, converged: bool = False) -> Trial:
+    """A trial whose first iterations end at this error."""
+    return Trial(ending(error, converged=converged), {}, suspect)
+
+
+@pytest.fixture
+def followed(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Fits are their questions; the errors of those that are followed are listed."""
+    seen: list[float] = []
+
+    def solved(question: Any, _: Mapping[str, float], iterations: int, *__: float) -> Any:
+        if iterations == rung._LATER:
+            seen.append(question.rms)
+            if question.rms == 1.25:
+                raise ModelError("it is not finite here")
+        return question
+
+    monkeypatch.setattr(rung, "solved", solved)
+    monkeypatch.setattr(rung, "bic_gain", lambda *_: 0.0)
+    return seen
+
+
+def test_only_those_near_the_best_are_followed_and_always_three(followed: list[float]) -> None:
+    race(BELOW, [entering(e) for e in (1.0, 1.4, 1.45, 1.49, 1.51)], 1)
+    assert followed == [1.0, 1.4, 1.45, 1.49]
+    followed.clear()
+    race(BELOW, [entering(e) for e in (9.0, 1.0, 5.0, 7.0)], 1)
+    assert followed == [1.0, 5.0, 7.0]
+
+
+def test_who_has_converged_is_not_followed(followed: list[float]) -> None:
+    race(BELOW, [entering(1.0, converged=True), entering(1.1)], 1)
+    assert followed == [1.1]
+
+
+def test_more_detail_is_followed_unless_it_has_lost_what_it_began_with(
+    followed: list[float],
+) -> None:
+    ahead = [entering(0.1), entering(0.11), entering(0.12)]
+    race(BELOW, [*ahead, entering(2.1, None), entering(2.3, None), entering(2.1)], 1)
+    assert followed == [0.1, 0.11, 0.12, 2.1]
+
+
+def test_who_cannot_go_on_stays_where_it_is(followed: list[float]) -> None:
+    rungs = race(BELOW, [entering(1.0), entering(1.25)], 1)
+    assert followed == [1.0, 1.25]
+    assert sorted(r.fit.rms for r in rungs) == [1.0, 1.25]
+
+
+def test_between_laws_that_leave_but_noise_their_details_decide(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A mount has more freedom than friction has; static friction may fit better still."""
+    shaped: list[str] = []
+
+    def in_detail(_: Any, found: Rung, suspect: Any) -> Rung:
+        shaped.append(suspect.name)
+        return found
+
+    monkeypatch.setattr(contest, "_explained", lambda _: True)
+    monkeypatch.setattr(contest, "_shaped", in_detail)
+    monkeypatch.setattr(contest, "judged", lambda _, rungs: list(rungs))
+
+    def named(name: str, error: float) -> Rung:
+        return Rung(Trial(None, {}, SimpleNamespace(name=name)), ending(error), 0.0)  # type: ignore[arg-type]
+
+    rungs = [named("mount", 1.0), named("friction", 1.05), named("creep", 1.2)]
+    assert len(contest.contest(BELOW, rungs, BELOW)) == 5
+    assert shaped == ["mount", "friction"]
+    shaped.clear()
+    assert len(contest.contest(BELOW, [rungs[0], rungs[2]], BELOW)) == 2
+    assert not shaped
