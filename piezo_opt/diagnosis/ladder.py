@@ -203,7 +203,7 @@ def climb(
             )
             tell(f"accepted {taken.suspect.name}")
         fit, error = taken.fit, after
-        if taken.suspect is not None and len(steps) > 1:
+        if sum(not effect.structural for _, effect in fit.model) > 1:
             fit, steps, spare = _prune(fit, steps, held, threads)
             if spare:
                 tell(f"dropped {', '.join(spare)}")
@@ -326,11 +326,11 @@ def _prune(
     a later step are searched together.
     """
     kept, dropped = list(steps), []
-    for step in steps[:-1]:
+    for step in steps:
         named = {other.name for other in kept}
-        shaped = any(name in fit.model and name not in named for name in step.group[1:])
-        if step.name not in fit.model or shaped:
-            continue  # what shapes it further would be left without its name
+        shapes = [n for n in step.group[1:] if n in fit.model and n not in named]
+        if step.name not in fit.model or (step is steps[-1] and not shapes):
+            continue  # the last one was judged with all the others present
         model = fit.model.without(step.name)
         fresh = forgetful(fit, held.question).with_model(model)
         later = [name for name, effect in model if not effect.structural]
@@ -344,7 +344,10 @@ def _prune(
         least = min(poorer, key=lambda f: f.rms)
         if bic_gain(least, fit) < 0.5 * STRONG:
             fit = least
-            kept = _without(kept, step, fit, rms(error_on(fit, held.record)))
+            left = _renamed(kept, step, shapes[0], fit) if shapes else _without(kept, step)
+            held_out = rms(error_on(fit, held.record))
+            top = replace(left[-1], rms_after=fit.rms, held_out_after=held_out, fit=fit)
+            kept = [*left[:-1], top]
             dropped.append(step.name)
     return fit, kept, dropped
 
@@ -354,8 +357,8 @@ def _jointly(name: str) -> Callable[[Identification, Monitor], Values]:
     return lambda question, _: joint_start(question, name)
 
 
-def _without(steps: Sequence[Step], spare: Step, fit: Fit, held_out: float | None) -> list[Step]:
-    """The ladder without one step: the next begins where that one began, the last ends at a fit."""
+def _without(steps: Sequence[Step], spare: Step) -> list[Step]:
+    """The ladder without one step: the next begins where that one began."""
     place = steps.index(spare)
     after = replace(
         steps[place + 1],
@@ -363,5 +366,11 @@ def _without(steps: Sequence[Step], spare: Step, fit: Fit, held_out: float | Non
         held_out_before=spare.held_out_before,
         delta_bic=steps[place + 1].delta_bic + spare.delta_bic,
     )
-    left = [*steps[:place], after, *steps[place + 2 :]]
-    return [*left[:-1], replace(left[-1], rms_after=fit.rms, held_out_after=held_out, fit=fit)]
+    return [*steps[:place], after, *steps[place + 2 :]]
+
+
+def _renamed(steps: Sequence[Step], step: Step, name: str, fit: Fit) -> list[Step]:
+    """What was taken for a step's shape does alone what both did: the step bears its name."""
+    group = (name, *(other for other in step.group if other != name))
+    other = replace(step, name=name, effect=fit.model[name], group=group)
+    return [other if one is step else one for one in steps]

@@ -24,9 +24,10 @@ STRONG = 10.0
 """Difference of BIC that counts as very strong evidence (Kass & Raftery 1995)."""
 _FIRST, _LATER = 10, 30
 """Iterations of a refit before and after it is decided which are worth following."""
-_ROUGH, _CLOSE = 1e-4, 1e-5
+_CLOSE = 1e-5
 """Decrease of the cost in one iteration at which they end. Strong evidence on ten thousand
-independent samples is a thousandth of the cost."""
+independent samples is a thousandth of the cost; on the plateaus of a bent loop less is not the
+end."""
 _RACE = 1.5
 """Error over the best rival's beyond which a refit is out of the race..."""
 _BEHIND = 1.1
@@ -89,17 +90,12 @@ def adding(suspect: Suspect) -> Trial:
     return Trial(fit.question.with_model(model), start, suspect)
 
 
-def solved(
-    question: Identification,
-    start: Mapping[str, float],
-    iterations: int = 40,
-    tolerance: float = _CLOSE,
-) -> Fit:
+def solved(question: Identification, start: Mapping[str, float], iterations: int = 40) -> Fit:
     """A fit good enough to compare models by; an interrupt ends the ladder, not only this fit."""
     fit = solve(
         question,
         start=start,
-        solver=LevenbergMarquardt(iterations=iterations, tolerance=tolerance),
+        solver=LevenbergMarquardt(iterations=iterations, tolerance=_CLOSE),
         transcription=SingleShooting(refine=False),
     )
     if fit.outcome.ending is Ending.INTERRUPTED:
@@ -112,7 +108,7 @@ def race(fit: Fit, trials: Sequence[Trial], threads: int) -> list[Rung]:
 
     def one(trial: Trial) -> Rung | None:
         try:
-            richer = solved(trial.question, trial.start, _FIRST, _ROUGH)
+            richer = solved(trial.question, trial.start, _FIRST)
         except (PiezoOptError, ArithmeticError, ValueError):
             return None
         return Rung(trial, richer, bic_gain(fit, richer))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -20,11 +20,18 @@ JUDGED = HeldOut(NOTHING, NOTHING, "by a record")
 UNJUDGED = HeldOut(NOTHING, None, "by BIC alone")
 
 
+class Named(dict[str, Any]):
+    """Effects by name, iterated in pairs as a model is."""
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.items())
+
+
 def fit(error: float, elsewhere: float = 1.0) -> Any:
     """What the ladder reads of a fit: its error, and that on the held-out record."""
     return SimpleNamespace(
         rms=error, elsewhere=elsewhere, question=NOTHING, values={}, at_bound=(),
-        model={"bouc_wen": SimpleNamespace(structural=True)},
+        model=Named(bouc_wen=SimpleNamespace(structural=True)), records=(None,),
     )  # fmt: skip
 
 

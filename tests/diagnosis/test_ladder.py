@@ -245,11 +245,21 @@ def test_what_a_later_step_made_unnecessary_is_dropped() -> None:
     assert _prune(fit, steps, alone(fit), 1) == (fit, steps, [])
 
 
-def test_what_another_effect_shapes_is_not_dropped() -> None:
-    """The drift explains nothing, but the gain that was counted as its shape bears its name."""
+def test_what_was_taken_for_a_shape_may_be_the_effect_itself() -> None:
+    """Creep was counted as the shape of a drift that explains nothing: the step is creep's."""
     fit = crowded(CREEP)
-    steps = [step(fit, "drift", "nonlinear_gain"), step(fit, "creep")]
-    assert _prune(fit, steps, alone(fit), 1) == (fit, steps, [])
+    steps = [step(fit, "drift", "sensor_lag", "creep")]
+    pruned, kept, dropped = _prune(fit, steps, alone(fit), 1)
+    assert dropped == ["drift"]
+    assert [(s.name, s.effect, s.group) for s in kept] == [
+        ("creep", Creep(elements=1), ("creep", "drift", "sensor_lag"))
+    ]
+    assert kept[0].fit is pruned
+    assert "drift" not in pruned.model
+    # Where both are needed the shape stays one.
+    both = crowded(CREEP, (Drift(), {"rate": 2e-8}))
+    steps = [step(both, "drift", "creep")]
+    assert _prune(both, steps, alone(both), 1) == (both, steps, [])
     # A rival that the model does not have shapes nothing, nor does one with a step of its own.
     for rival in ("sensor_lag", "creep"):
         steps = [step(fit, "drift", rival), step(fit, "creep")]

@@ -19,15 +19,10 @@ _PATIENCE, _CRAWL = 20, 1e-3
 """So many iterations that lower the cost by less than this share are a crawl along a valley whose
 end the data cannot see (half as much in the rms)."""
 
-_FLAT = 1e-8
-"""Largest share of the cost that a rejected step may have promised for none to lower it."""
 _SMALL = 1e-3
 """Share of its size below which an unknown is stepped straight: zero has no logarithm."""
 _FAR = 1.5
 """Longest step of a logarithm."""
-_BOLD, _RESTED = 1e-2, 3
-"""Damping up to which one step that wins next to nothing tells that there is nothing to win, and
-how many of more cautious ones do."""
 
 
 @final
@@ -76,7 +71,7 @@ class LevenbergMarquardt:
         damping, growth = 1e-4, 2.0
         floor = 1e-30 * max(cost, 1e-300)
         norms = np.zeros(theta.size)
-        history, resting = [cost], 0
+        history = [cost]
         for _ in range(self.iterations):
             weighted = objective.robust(point)
             straight = ~relative | (theta < _SMALL * unknowns.scale)
@@ -109,9 +104,9 @@ class LevenbergMarquardt:
                 gain = (cost - trial_cost) / predicted if predicted > 0 else -1.0
                 if gain > 1e-4:
                     break
-                # A step that was cut short often enough promises little anywhere.
-                flat = min(self.tolerance, _FLAT)
-                if predicted <= flat * cost and abs(trial_cost - cost) <= 10.0 * flat * cost:
+                if predicted <= self.tolerance * cost and abs(trial_cost - cost) <= (
+                    10.0 * self.tolerance * cost
+                ):
                     return Solution(theta, Ending.CONVERGED, "no step lowers the cost further")
                 damping, growth = damping * growth, 2.0 * growth
                 if damping > 1e16:
@@ -122,9 +117,7 @@ class LevenbergMarquardt:
             theta, cost = trial, trial_cost
             objective.monitor.saw(theta, cost)
             objective.monitor.iterate(theta, objective.rms(residual))
-            still = decrease <= self.tolerance * cost and predicted <= self.tolerance * cost
-            resting = resting + 1 if still else 0
-            if still and (damping <= _BOLD or resting >= _RESTED):
+            if decrease <= self.tolerance * cost and predicted <= self.tolerance * cost:
                 return Solution(theta, Ending.CONVERGED, "the cost stopped falling")
             history.append(cost)
             if len(history) > _PATIENCE and history[-1 - _PATIENCE] < (1.0 + _CRAWL) * cost:
