@@ -158,9 +158,11 @@ def climb(
         rungs = [r for r in rungs if plausible(r)]
         rungs = contest(fit, rungs, held.question, threads)
         taken: Rung | None = None
+        # Beside what was found already another name must prove itself where it is judged.
+        lenient = fit.rms if not steps else np.inf
         for rung, after in _order(rungs, held, threads):
             worth = _DETAIL if rung.suspect is None else _WORTH
-            if rung.fit.rms < (1.0 - worth) * fit.rms and agrees(error, after, fit.rms):
+            if rung.fit.rms < (1.0 - worth) * fit.rms and agrees(error, after, lenient):
                 taken = rung
                 break
         if taken is None:

@@ -23,8 +23,8 @@ from piezo_opt.measurement import Campaign, Measurement
 
 _STILL = 1e-9
 """Share of the drive's power near a resonance below which the drive cannot have shown it."""
-_SHAKEN = 3e-8
-"""The same for a resonance that a first fit did not see."""
+_SHAKEN = 3e-7
+"""The same at the peak of a resonance that a first fit did not see."""
 _SAMPLED = 2.5
 """Fewest samples a cycle."""
 _DAMPED = 0.7
@@ -84,12 +84,14 @@ def default_model(
 def shown(record: Measurement, omega: float, zeta: float) -> bool:
     """Whether a record shows a resonance that a first fit did not see.
 
-    Damped below 0.7, sampled, and driven by more than the first fit asks for: beside an effect, a
-    resonance is one more way to bend a loop. The hundredth harmonic of a triangle has 1e-7 of its
-    power nearby; the noise of a sine that was recorded has a thousandth of that.
+    Damped below 0.7, sampled, and with a peak above what shakes it: the drive's share of power
+    near it, times the resonance's 1 / (4 zeta^2). Beside an effect, a resonance without such a
+    peak is but one more way to bend a loop. The hundredth harmonic of a triangle (1e-7 of its
+    power) is enough for a damping of 0.2, the noise of a sine that was recorded for none.
     """
     sampled = omega * record.step <= 2.0 * np.pi / _SAMPLED
-    return zeta < _DAMPED and sampled and excitation(record, omega) >= _SHAKEN
+    peak = excitation(record, omega) / (4.0 * zeta**2)
+    return zeta < _DAMPED and sampled and peak >= _SHAKEN
 
 
 def excitation(record: Measurement, omega: float) -> float:
