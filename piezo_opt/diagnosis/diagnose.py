@@ -10,11 +10,12 @@ from typing import Any, final
 from piezo_opt.diagnosis.advice import Advice, experiments
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
-from piezo_opt.diagnosis.ladder import Ladder, Step, climb
+from piezo_opt.diagnosis.ladder import Ladder, climb
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.diagnosis.rivals import Rival, in_words
 from piezo_opt.diagnosis.rivals import rivals as refitted
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, score
+from piezo_opt.diagnosis.steps import Step
 from piezo_opt.diagnosis.structure import Structure, structure
 from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
 from piezo_opt.effects.base import Effect, Place

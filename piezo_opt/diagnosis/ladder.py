@@ -4,27 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.diagnosis.contest import contest, forgetful, settled
+from piezo_opt.diagnosis.contest import contest, settled
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, rms
 from piezo_opt.diagnosis.noise import noise_floor
+from piezo_opt.diagnosis.prune import prune
 from piezo_opt.diagnosis.refinements import lean, plausible, refinements, with_base_details
-from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, adding, bic_gain, race
+from piezo_opt.diagnosis.rung import STRONG, Rung, adding, race
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name
 from piezo_opt.diagnosis.shortlist import entrants, further, scored, shortlist
+from piezo_opt.diagnosis.steps import Step, shaped_further, step_to
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import PiezoOptError
-from piezo_opt.identification import Fit, Identification
-from piezo_opt.identification.monitor import Monitor
-from piezo_opt.identification.starting import joint_start, starting_values
-from piezo_opt.values import Values
+from piezo_opt.identification import Fit
 
 FloatArray = NDArray[np.float64]
 
@@ -55,34 +53,6 @@ _ENOUGH = 1.03
 _LOST = 2.0
 """Error of the closest refit over the floor beyond which every effect is tried afresh."""
 _MOST_ROUNDS = 7
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One accepted effect.
-
-    Attributes:
-        name: the effect.
-        effect: the object that was added.
-        group: names that this record cannot tell it from, itself included.
-        rms_before, rms_after: error on the fitted records [m].
-        held_out_before, held_out_after: error on the held-out record [m], None without one.
-        delta_bic: by how much BIC fell.
-        p_value: of its score, corrected for the search.
-        fit: the fit with it.
-    """
-
-    name: str
-    effect: Effect
-    group: tuple[str, ...]
-    rms_before: float
-    rms_after: float
-    held_out_before: float | None
-    held_out_after: float | None
-    delta_bic: float
-    p_value: float
-    fit: Fit
 
 
 @final
@@ -131,86 +101,44 @@ def climb(
     fit = baseline
     tell("scoring every absent effect")
     suspects, unscored = scored(fit, candidates, threads)
-    first, now = suspects, suspects
+    now = suspects
     steps: list[Step] = []
     refined: list[str] = []
     dropped: list[str] = []
     error = error_on(fit, held.record)
     bar = SIGNIFICANT if held.record is not None else SHORT
     for _ in range(_MOST_ROUNDS):
-        likely = [s for s in now if s.p_value < bar]
-        short = shortlist(likely, now) if likely else []
-        trials = refinements(fit, held.question)
-        rungs: list[Rung] = []
-        if short or trials:
-            tell(_refitting(short))
-            rungs = race(fit, [*trials, *(with_base_details(adding(s)) for s in short)], threads)
-        closest = min((r.fit for r in rungs), key=lambda f: f.rms, default=fit)
-        if not settled(closest) and _unsettled(fit, first=not steps):
-            # Scores are taken at a fit that has been bent, and slow residuals leave none of them
-            # significant: let refits tell.
-            more = further(now, short)
-            lost = closest.rms > _LOST * noise_floor(closest).rms
-            tell(f"{_refitting(more)}{', and all from a fresh start' if lost else ''}")
-            bent = [with_base_details(adding(s)) for s in more]
-            fresh = entrants(fit, held.question, now) if lost else []
-            rungs += race(fit, [*bent, *fresh], threads)
-        rungs = [r for r in rungs if plausible(r)]
-        rungs = contest(fit, rungs, held.question, threads)
-        taken: Rung | None = None
+        rungs = _refits(fit, held, now, first=not steps, bar=bar, tell=tell, threads=threads)
         # Beside what was found already another name must prove itself where it is judged.
         lenient = fit.rms if not steps else np.inf
-        for rung, after in _order(rungs, held, threads):
-            worth = _DETAIL if rung.suspect is None else _WORTH
-            if rung.fit.rms < (1.0 - worth) * fit.rms and agrees(error, after, lenient):
-                taken = rung
-                break
-        if taken is None:
+        chosen = _chosen(fit, error, _order(rungs, held, threads), lenient)
+        if chosen is None:
             break
-        if taken.suspect is not None:
+        taken, after = chosen
+        suspect = taken.suspect
+        if suspect is None:
+            refined += taken.trial.refines
+            tell(f"refined {', '.join(taken.trial.refines)}")
+        else:
             # Rivals pay for the base model's details, so the taken one is compared with them too.
             group = _group(taken, rungs, now)
             taken = lean(fit, taken)
-            after = error_on(taken.fit, held.record)
+            after = _elsewhere(taken.fit, held)
             refined += [k for k in taken.trial.refines if _of_base(taken.fit, k)]
-        if taken.suspect is None:
-            refined += taken.trial.refines
-            tell(f"refined {', '.join(taken.trial.refines)}")
-        elif (same := _sibling(taken.suspect, steps, suspects)) is not None:
-            # The same physics in a shape that one member alone does not have.
-            steps[same] = replace(
-                steps[same],
-                group=tuple(dict.fromkeys((*steps[same].group, taken.suspect.name))),
-                delta_bic=steps[same].delta_bic + taken.delta_bic,
-            )
-            # What that wins is won at the top of the ladder, whichever step it shapes.
-            steps[-1] = replace(
-                steps[-1], rms_after=taken.fit.rms, held_out_after=rms(after), fit=taken.fit
-            )
-            tell(f"{steps[same].name} shaped further by {taken.suspect.name}")
-        else:
-            steps.append(
-                Step(
-                    name=taken.suspect.name,
-                    effect=taken.suspect.effect,
-                    group=group,
-                    rms_before=fit.rms,
-                    rms_after=taken.fit.rms,
-                    held_out_before=rms(error),
-                    held_out_after=rms(after),
-                    delta_bic=taken.delta_bic,
-                    p_value=taken.suspect.p_value,
-                    fit=taken.fit,
-                )
-            )
-            tell(f"accepted {taken.suspect.name}")
+            same = _sibling(suspect, steps, suspects)
+            if same is None:
+                steps.append(step_to(fit, error, taken, after, group))
+                tell(f"accepted {suspect.name}")
+            else:
+                tell(f"{steps[same].name} shaped further by {suspect.name}")
+                steps = shaped_further(steps, same, taken, after)
         fit, error = taken.fit, after
         if sum(not effect.structural for _, effect in fit.model) > 1:
-            fit, steps, spare = _prune(fit, steps, held, threads)
+            fit, steps, spare = prune(fit, steps, held, threads)
             if spare:
                 tell(f"dropped {', '.join(spare)}")
                 dropped += spare
-                error = error_on(fit, held.record)
+                error = _elsewhere(fit, held)
         now, _ = scored(fit, candidates, threads)
         if (1.0 - _DETAIL) * fit.rms < noise_floor(fit).rms:
             break  # not even a detail could win what it is worth
@@ -218,12 +146,67 @@ def climb(
         baseline,
         fit,
         tuple(steps),
-        by_name(first),
+        by_name(suspects),
         unscored,
         by_name(now),
         tuple(refined),
         tuple(dropped),
     )
+
+
+def _refits(
+    fit: Fit,
+    held: HeldOut,
+    suspects: Sequence[Suspect],
+    *,
+    first: bool,
+    bar: float,
+    tell: Callable[[str], None],
+    threads: int,
+) -> list[Rung]:
+    """Refits with what a fit may be missing, each brought as far as it can be, best BIC first.
+
+    Args:
+        fit: the fit.
+        held: whose question is that at the foot of the ladder.
+        suspects: scores of all absent effects at the fit.
+        first: whether nothing has been found yet.
+        bar: p-value below which a suspect is worth a refit.
+        tell: called with a sentence about what is going on.
+        threads: refits that run at a time.
+    """
+    likely = [s for s in suspects if s.p_value < bar]
+    short = shortlist(likely, suspects) if likely else []
+    trials = refinements(fit, held.question)
+    rungs: list[Rung] = []
+    if short or trials:
+        tell(_refitting(short))
+        rungs = race(fit, [*trials, *(with_base_details(adding(s)) for s in short)], threads)
+    closest = min((r.fit for r in rungs), key=lambda f: f.rms, default=fit)
+    if not settled(closest) and _unsettled(fit, first=first):
+        # Scores are taken at a fit that has been bent, and slow residuals leave none of them
+        # significant: let refits tell.
+        more = further(suspects, short)
+        lost = closest.rms > _LOST * noise_floor(closest).rms
+        tell(f"{_refitting(more)}{', and all from a fresh start' if lost else ''}")
+        bent = [with_base_details(adding(s)) for s in more]
+        fresh = entrants(fit, held.question, suspects) if lost else []
+        rungs += race(fit, [*bent, *fresh], threads)
+    return contest(fit, [r for r in rungs if plausible(r)], held.question, threads)
+
+
+def _chosen(
+    fit: Fit,
+    error: FloatArray | None,
+    ordered: Sequence[tuple[Rung, FloatArray | None]],
+    lenient: float,
+) -> tuple[Rung, FloatArray | None] | None:
+    """The first rung that is worth its name and that the held-out data do not contradict."""
+    for rung, after in ordered:
+        worth = _DETAIL if rung.suspect is None else _WORTH
+        if rung.fit.rms < (1.0 - worth) * fit.rms and agrees(error, after, lenient):
+            return rung, after
+    return None
 
 
 def _of_base(fit: Fit, name: str) -> bool:
@@ -316,63 +299,3 @@ def _group(taken: Rung, rungs: Sequence[Rung], suspects: Sequence[Suspect]) -> t
             if cosine > 0.995:
                 names.append(suspect.name)
     return tuple(dict.fromkeys(names))
-
-
-def _prune(
-    fit: Fit, steps: Sequence[Step], held: HeldOut, threads: int
-) -> tuple[Fit, list[Step], list[str]]:
-    """Drop what a later step made unnecessary: BIC does not rise without it.
-
-    A first step may have taken the place of the loop while the loop stood in for what was found
-    later; so each is tried without also from fresh starts, those included in which the loop and
-    a later step are searched together.
-    """
-    kept, dropped = list(steps), []
-    for step in steps:
-        named = {other.name for other in kept}
-        shapes = [n for n in step.group[1:] if n in fit.model and n not in named]
-        if step.name not in fit.model or (step is steps[-1] and not shapes):
-            continue  # the last one was judged with all the others present
-        model = fit.model.without(step.name)
-        fresh = forgetful(fit, held.question).with_model(model)
-        later = [name for name, effect in model if not effect.structural]
-        trials = [Trial(fit.question.with_model(model), fit.values)]
-        for begin in (starting_values, *(_jointly(name) for name in later)):
-            with suppress(PiezoOptError, ArithmeticError, ValueError):
-                trials.append(Trial(fresh, begin(fresh, Monitor(()))))
-        poorer = [rung.fit for rung in race(fit, trials, threads)]
-        if not poorer:
-            continue
-        least = min(poorer, key=lambda f: f.rms)
-        if bic_gain(least, fit) < 0.5 * STRONG:
-            fit = least
-            left = _renamed(kept, step, shapes[0], fit) if shapes else _without(kept, step)
-            held_out = rms(error_on(fit, held.record))
-            top = replace(left[-1], rms_after=fit.rms, held_out_after=held_out, fit=fit)
-            kept = [*left[:-1], top]
-            dropped.append(step.name)
-    return fit, kept, dropped
-
-
-def _jointly(name: str) -> Callable[[Identification, Monitor], Values]:
-    """Starting values in which the loop and one effect are searched together."""
-    return lambda question, _: joint_start(question, name)
-
-
-def _without(steps: Sequence[Step], spare: Step) -> list[Step]:
-    """The ladder without one step: the next begins where that one began."""
-    place = steps.index(spare)
-    after = replace(
-        steps[place + 1],
-        rms_before=spare.rms_before,
-        held_out_before=spare.held_out_before,
-        delta_bic=steps[place + 1].delta_bic + spare.delta_bic,
-    )
-    return [*steps[:place], after, *steps[place + 2 :]]
-
-
-def _renamed(steps: Sequence[Step], step: Step, name: str, fit: Fit) -> list[Step]:
-    """What was taken for a step's shape does alone what both did: the step bears its name."""
-    group = (name, *(other for other in step.group if other != name))
-    other = replace(step, name=name, effect=fit.model[name], group=group)
-    return [other if one is step else one for one in steps]

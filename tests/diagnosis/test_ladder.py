@@ -10,9 +10,12 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis import ladder as module
+from piezo_opt.diagnosis import prune as pruning
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, hold_out, rms
-from piezo_opt.diagnosis.ladder import Ladder, Step, _prune, climb
+from piezo_opt.diagnosis.ladder import Ladder, climb
+from piezo_opt.diagnosis.prune import prune
 from piezo_opt.diagnosis.rung import Rung, Trial, bic_gain, solved
+from piezo_opt.diagnosis.steps import Step
 from piezo_opt.effects import (
     AmplifierLag,
     Asymmetry,
@@ -229,7 +232,7 @@ def test_what_a_later_step_made_unnecessary_is_dropped() -> None:
         replace(step(fit, "drift"), rms_before=3.0, rms_after=2.0),
         replace(step(fit, "creep"), rms_before=2.0),
     ]
-    pruned, kept, dropped = _prune(fit, steps, alone(fit), 1)
+    pruned, kept, dropped = prune(fit, steps, alone(fit), 1)
     assert dropped == ["drift"]
     # What the first one won is now won by the second.
     assert [(s.name, s.rms_before, s.rms_after, s.delta_bic) for s in kept] == [
@@ -239,17 +242,17 @@ def test_what_a_later_step_made_unnecessary_is_dropped() -> None:
     assert pruned.rms == pytest.approx(NOISE, rel=0.05)
     drifting = crowded(CREEP, (Drift(), {"rate": 2e-8}))
     steps = [step(drifting, "drift"), step(drifting, "creep")]
-    assert _prune(drifting, steps, alone(drifting), 1) == (drifting, steps, [])
+    assert prune(drifting, steps, alone(drifting), 1) == (drifting, steps, [])
     # The last step was judged with all the others present: it is not asked again.
     steps = [step(fit, "creep"), step(fit, "drift")]
-    assert _prune(fit, steps, alone(fit), 1) == (fit, steps, [])
+    assert prune(fit, steps, alone(fit), 1) == (fit, steps, [])
 
 
 def test_what_was_taken_for_a_shape_may_be_the_effect_itself() -> None:
     """Creep was counted as the shape of a drift that explains nothing: the step is creep's."""
     fit = crowded(CREEP)
     steps = [step(fit, "drift", "sensor_lag", "creep")]
-    pruned, kept, dropped = _prune(fit, steps, alone(fit), 1)
+    pruned, kept, dropped = prune(fit, steps, alone(fit), 1)
     assert dropped == ["drift"]
     assert [(s.name, s.effect, s.group) for s in kept] == [
         ("creep", Creep(elements=1), ("creep", "drift", "sensor_lag"))
@@ -259,11 +262,11 @@ def test_what_was_taken_for_a_shape_may_be_the_effect_itself() -> None:
     # Where both are needed the shape stays one.
     both = crowded(CREEP, (Drift(), {"rate": 2e-8}))
     steps = [step(both, "drift", "creep")]
-    assert _prune(both, steps, alone(both), 1) == (both, steps, [])
+    assert prune(both, steps, alone(both), 1) == (both, steps, [])
     # A rival that the model does not have shapes nothing, nor does one with a step of its own.
     for rival in ("sensor_lag", "creep"):
         steps = [step(fit, "drift", rival), step(fit, "creep")]
-        assert _prune(fit, steps, alone(fit), 1)[2] == ["drift"]
+        assert prune(fit, steps, alone(fit), 1)[2] == ["drift"]
 
 
 def test_dropping_is_tried_from_fresh_starts_too(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -275,9 +278,9 @@ def test_dropping_is_tried_from_fresh_starts_too(monkeypatch: pytest.MonkeyPatch
         seen.extend(trials)
         return []
 
-    monkeypatch.setattr(module, "race", nobody_arrives)
+    monkeypatch.setattr(pruning, "race", nobody_arrives)
     steps = [step(fit, "drift"), step(fit, "creep")]
-    assert _prune(fit, steps, alone(fit), 1) == (fit, steps, [])
+    assert prune(fit, steps, alone(fit), 1) == (fit, steps, [])
     on, anew, *jointly = seen
     assert on.question.model == anew.question.model == fit.model.without("drift")
     assert on.start == fit.values
