@@ -36,6 +36,8 @@ _WORTH = 0.06
 is left is not."""
 _DETAIL = 0.02
 """The same for more detail of what the model has."""
+_TOLERATED = 1.1
+"""Held-out error over that before up to which a detail is taken."""
 _ABOVE = 1.3
 """Residual over the floor at the highest frequencies from which it may be no noise."""
 _FORM = 2.0
@@ -124,7 +126,7 @@ def climb(
             group = _group(taken, rungs, now)
             taken = lean(fit, taken)
             after = _elsewhere(taken.fit, held)
-            refined += [k for k in taken.trial.refines if _of_base(taken.fit, k)]
+            refined += _of_base(fit, taken.fit)
             same = _sibling(suspect, steps, suspects)
             if same is None:
                 steps.append(step_to(fit, error, taken, after, group))
@@ -133,7 +135,7 @@ def climb(
                 tell(f"{steps[same].name} shaped further by {suspect.name}")
                 steps = shaped_further(steps, same, taken, after)
         fit, error = taken.fit, after
-        if sum(not effect.structural for _, effect in fit.model) > 1:
+        if steps:
             fit, steps, spare = prune(fit, steps, held, threads)
             if spare:
                 tell(f"dropped {', '.join(spare)}")
@@ -201,17 +203,25 @@ def _chosen(
     ordered: Sequence[tuple[Rung, FloatArray | None]],
     lenient: float,
 ) -> tuple[Rung, FloatArray | None] | None:
-    """The first rung that is worth its name and that the held-out data do not contradict."""
+    """The first rung that is worth its name and that the held-out data do not contradict.
+
+    A detail names nothing, and what it wins on the fitted record it may lose a little of where a
+    record of another kind is judged on: without it an effect would be named for its sake.
+    """
     for rung, after in ordered:
-        worth = _DETAIL if rung.suspect is None else _WORTH
-        if rung.fit.rms < (1.0 - worth) * fit.rms and agrees(error, after, lenient):
+        detail = rung.suspect is None
+        worth = _DETAIL if detail else _WORTH
+        level = detail and (rms(after) or 0.0) <= _TOLERATED * (rms(error) or np.inf)
+        if rung.fit.rms < (1.0 - worth) * fit.rms and (level or agrees(error, after, lenient)):
             return rung, after
     return None
 
 
-def _of_base(fit: Fit, name: str) -> bool:
-    """Whether a refinement is of the base model (an exponent, the mechanics)."""
-    return fit.model[name.split(".")[0]].structural
+def _of_base(before: Fit, after: Fit) -> list[str]:
+    """What was refined of the base model beside an effect: mechanics that joined, details freed."""
+    joined = [n for n, e in after.model if e.structural and n not in before.model]
+    free = [k for k in after.question.free if k not in before.question.free]
+    return [*joined, *(k for k in free if after.model[k.split(".")[0]].structural)]
 
 
 def _refitting(suspects: Sequence[Suspect]) -> str:
@@ -231,7 +241,9 @@ def _order(
     """Rungs and their held-out errors: best first by both records, fitted and held out.
 
     A rung that bends the base model fits well and predicts badly; neither error alone decides.
-    What the model has already comes before any effect that does hardly better.
+    What the model has already comes before effects that do hardly better on both, or on the
+    fitted one without strong evidence: a detail that is right may reach beyond a record of
+    another kind no better than one that is wrong.
     """
     if not rungs:
         return []
@@ -250,7 +262,14 @@ def _order(
 
     pairs = sorted(zip(close, errors, strict=True), key=both)
     enough = _ENOUGH**2 * both(pairs[0])
-    return sorted(pairs, key=lambda pair: pair[0].suspect is not None or both(pair) > enough)
+    strongest = max((r.delta_bic for r in close if r.suspect is not None), default=-np.inf)
+
+    def later(pair: tuple[Rung, FloatArray | None]) -> bool:
+        rung, _ = pair
+        beaten = both(pair) > enough and rung.delta_bic + STRONG < strongest
+        return rung.suspect is not None or beaten
+
+    return sorted(pairs, key=later)
 
 
 def _elsewhere(fit: Fit, held: HeldOut) -> FloatArray | None:

@@ -20,17 +20,19 @@ from piezo_opt.values import Values
 def prune(
     fit: Fit, steps: Sequence[Step], held: HeldOut, threads: int
 ) -> tuple[Fit, list[Step], list[str]]:
-    """Drop what a later step made unnecessary: BIC does not rise without it.
+    """Drop what a later step, or mechanics that joined, made unnecessary: BIC does not rise.
 
     A first step may have taken the place of the loop while the loop stood in for what was found
     later; so each is tried without also from fresh starts, those included in which the loop and
     a later step are searched together.
     """
     kept, dropped = list(steps), []
+    joined = any(e.structural and n not in held.question.model for n, e in fit.model)
     for step in steps:
         named = {other.name for other in kept}
         shapes = [n for n in step.group[1:] if n in fit.model and n not in named]
-        if step.name not in fit.model or (step is steps[-1] and not shapes):
+        last = step is steps[-1] and not shapes and not joined
+        if step.name not in fit.model or last:
             continue  # the last one was judged with all the others present
         model = fit.model.without(step.name)
         fresh = forgetful(fit, held.question).with_model(model)
@@ -46,11 +48,15 @@ def prune(
         if bic_gain(least, fit) < 0.5 * STRONG:
             fit = least
             left = renamed(kept, step, shapes[0], fit) if shapes else without(kept, step)
-            held_out = rms(error_on(fit, held.record))
-            top = replace(left[-1], rms_after=fit.rms, held_out_after=held_out, fit=fit)
-            kept = [*left[:-1], top]
             dropped.append(step.name)
+            kept = [*left[:-1], *(_topped(top, fit, held) for top in left[-1:])]
     return fit, kept, dropped
+
+
+def _topped(step: Step, fit: Fit, held: HeldOut) -> Step:
+    """The last step, which ends at this fit."""
+    held_out = rms(error_on(fit, held.record))
+    return replace(step, rms_after=fit.rms, held_out_after=held_out, fit=fit)
 
 
 def _jointly(name: str) -> Callable[[Identification, Monitor], Values]:

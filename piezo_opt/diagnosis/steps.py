@@ -89,13 +89,16 @@ def shaped_further(
 def without(steps: Sequence[Step], spare: Step) -> list[Step]:
     """The ladder without one step: the next begins where that one began."""
     place = steps.index(spare)
-    after = replace(
-        steps[place + 1],
-        rms_before=spare.rms_before,
-        held_out_before=spare.held_out_before,
-        delta_bic=steps[place + 1].delta_bic + spare.delta_bic,
-    )
-    return [*steps[:place], after, *steps[place + 2 :]]
+    after = [
+        replace(
+            following,
+            rms_before=spare.rms_before,
+            held_out_before=spare.held_out_before,
+            delta_bic=following.delta_bic + spare.delta_bic,
+        )
+        for following in steps[place + 1 : place + 2]
+    ]
+    return [*steps[:place], *after, *steps[place + 2 :]]
 
 
 def renamed(steps: Sequence[Step], step: Step, name: str, fit: Fit) -> list[Step]:

@@ -42,8 +42,8 @@ class Linearised:
     @property
     def usable(self) -> bool:
         """Whether everything is finite, squares included: a simulation that diverges is not."""
-        worst = max(np.abs(a).max(initial=0.0) for a in (self.residual, self.jacobian))
-        return bool(worst < DIVERGED)
+        both = (self.residual, self.jacobian)
+        return all(bool(np.abs(a).max(initial=0.0) < DIVERGED) for a in both)
 
 
 @final

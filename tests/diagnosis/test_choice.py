@@ -15,16 +15,17 @@ from piezo_opt.diagnosis.held_out import HeldOut, rms
 from piezo_opt.diagnosis.rung import Rung, Trial
 from piezo_opt.errors import InputError
 
-NOTHING: Any = SimpleNamespace(free=())
-JUDGED = HeldOut(NOTHING, NOTHING, "by a record")
-UNJUDGED = HeldOut(NOTHING, None, "by BIC alone")
-
 
 class Named(dict[str, Any]):
     """Effects by name, iterated in pairs as a model is."""
 
     def __iter__(self) -> Iterator[Any]:
         return iter(self.items())
+
+
+NOTHING: Any = SimpleNamespace(free=(), model=Named(bouc_wen=None))
+JUDGED = HeldOut(NOTHING, NOTHING, "by a record")
+UNJUDGED = HeldOut(NOTHING, None, "by BIC alone")
 
 
 def fit(error: float, elsewhere: float = 1.0) -> Any:
@@ -48,7 +49,7 @@ def effect(name: str, error: float, elsewhere: float = 1.0, gain: float = 100.0)
     return Rung(Trial(NOTHING, {}, suspect(name)), fit(error, elsewhere), gain)
 
 
-def detail(name: str, error: float, elsewhere: float = 1.0, gain: float = 100.0) -> Rung:
+def detail(name: str, error: float, elsewhere: float = 1.0, gain: float = 50.0) -> Rung:
     return Rung(Trial(NOTHING, {}, None, (name,)), fit(error, elsewhere), gain)
 
 
@@ -92,6 +93,9 @@ def test_what_the_model_has_comes_before_an_effect_that_is_hardly_better() -> No
     best, other = effect("best", 1.0, 1.0), effect("other", 1.01, 1.01)
     near, far = detail("near", 1.0, 1.06), detail("far", 1.03, 1.031)
     assert asked([best, other, near, far]) == ["near", "best", "other", "far"]
+    # Nor does an effect come first that is no stronger on the fitted record.
+    for gain, first in ((91.0, "far"), (89.0, "best")):
+        assert asked([best, other, detail("far", 1.03, 1.2, gain)])[0] == first
 
 
 def test_what_is_out_of_sight_is_not_asked(judged: list[float]) -> None:

@@ -12,7 +12,7 @@ import piezo_opt as po
 from piezo_opt.diagnosis import ladder as module
 from piezo_opt.diagnosis import prune as pruning
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, hold_out, rms
-from piezo_opt.diagnosis.ladder import Ladder, climb
+from piezo_opt.diagnosis.ladder import Ladder, _of_base, climb
 from piezo_opt.diagnosis.prune import prune
 from piezo_opt.diagnosis.rung import Rung, Trial, bic_gain, solved
 from piezo_opt.diagnosis.steps import Step
@@ -26,6 +26,7 @@ from piezo_opt.effects import (
     NonlinearGain,
     RateDependence,
     SecondMode,
+    SecondOrder,
     SensorLag,
 )
 from piezo_opt.errors import InputError
@@ -321,3 +322,13 @@ def test_what_is_lost_is_tried_afresh(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "settled", lambda _: False)
     climb(base, HeldOut(question, None, ""), [Creep(elements=1), Drift()], threads=1)
     assert begun
+
+
+def test_what_joined_beside_an_effect_is_told() -> None:
+    """Mechanics that came along with a lag, and the loop's exponent, are no effects."""
+    fit = crowded(CREEP)
+    model = fit.model + SecondOrder()
+    question = replace(fit.question.with_model(model), free=("bouc_wen.n", "creep.power"))
+    richer = solved(question, {**fit.values, "second_order.omega": 3e2}, 1)
+    assert _of_base(fit, richer) == ["second_order", "bouc_wen.n"]
+    assert _of_base(richer, richer) == []
