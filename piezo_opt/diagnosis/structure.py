@@ -23,6 +23,9 @@ first-order correlation above 0.92 from sample to sample)."""
 _PLAYS = (0.1, 0.3, 0.6)
 """Widths over the drive's range: a loop of another shape leaves what such memories give."""
 _RARE = 1e-5
+_TELLING = 0.05
+"""Share of the residual that a function of the drive must explain: slow noise hides from the
+floor, so that less may be all that is left."""
 _MATERIAL = 1.06
 """Residual over the floor below which what is left is less than a third of the noise."""
 
@@ -75,10 +78,18 @@ def _follows_drive(fit: Fit, point: BasePoint) -> tuple[float, str]:
     least, named = 1.0, ""
     for label, columns in parts.items():
         column = point.project(np.concatenate(columns))
+        if _share(column, point.residual) < _TELLING:
+            continue
         p = chance(column, point.residual, dense=True) * len(parts)
         if p < least:
             least, named = p, label
     return least, named
+
+
+def _share(column: FloatArray, r: FloatArray) -> float:
+    """Share of a residual's sum of squares that a column explains."""
+    power = float(column @ column) * float(r @ r)
+    return float(column @ r) ** 2 / power if power > 0.0 else 0.0
 
 
 def _library(record: Measurement, reading: FloatArray) -> dict[str, FloatArray]:

@@ -132,7 +132,9 @@ def ladder(diagnosis: Diagnosis) -> Figure | None:
         bottom, top = min(values.min(), factor * noise.rms), values.max()
         if top > 4.0 * bottom:
             axis.set_yscale("log")
-            axis.set_ylim(0.7 * bottom, 1.8 * top)
+            # Room for the numbers, on a long axis as on a short one.
+            room = (top / bottom) ** 0.15
+            axis.set_ylim(bottom / max(1.4, room), top * max(1.8, room))
             plain_log_ticks(axis.yaxis)
         else:
             axis.set_ylim(0.0, 1.22 * top)
