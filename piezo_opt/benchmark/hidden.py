@@ -102,8 +102,9 @@ class Judged:
 
     @property
     def group_right(self) -> bool:
-        """Whether the first answer's group holds something that was hidden."""
-        return bool(self.groups) and bool(set(self.groups[0]) & set(self.effects))
+        """Whether the first answer's group holds what was hidden; lags and delays count as one."""
+        hidden = {_pooled(e) for e in self.effects}
+        return bool(self.groups) and bool({_pooled(n) for n in self.groups[0]} & hidden)
 
     @property
     def member_right(self) -> bool:

@@ -60,6 +60,8 @@ def test_the_group_counts_where_the_member_is_wrong() -> None:
     assert row.group_right
     assert not row.member_right
     assert not said("drift", steps=("creep",)).group_right
+    # A lag named for a delay is right: so is its group.
+    assert said("delay", steps=("sensor_lag",)).group_right
 
 
 def test_shares_and_confusion_count_what_was_said() -> None:
