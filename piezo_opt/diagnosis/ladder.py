@@ -48,6 +48,8 @@ _EXACT = 0.08
 """Misfit over the noise (squares) up to which a form counts as exact."""
 _ALIKE = 0.9
 """Cosine at the foot from which two effects are the same physics in two shapes."""
+_SHAPING = 0.5
+"""Error over that before below which a look-alike has done more than shape what was found."""
 _IN_SIGHT = 2.0
 """Error over the best rung's beyond which a rung is not asked for its held-out error."""
 _ENOUGH = 1.03
@@ -127,7 +129,8 @@ def climb(
             taken = lean(fit, taken)
             after = _elsewhere(taken.fit, held)
             refined += _of_base(fit, taken.fit)
-            same = _sibling(suspect, steps, suspects)
+            halved = taken.fit.rms < _SHAPING * fit.rms
+            same = None if halved else _sibling(suspect, steps, suspects)
             if same is None:
                 steps.append(step_to(fit, error, taken, after, group))
                 tell(f"accepted {suspect.name}")

@@ -23,9 +23,9 @@ first-order correlation above 0.92 from sample to sample)."""
 _PLAYS = (0.1, 0.3, 0.6)
 """Widths over the drive's range: a loop of another shape leaves what such memories give."""
 _RARE = 1e-5
-_TELLING = 0.05
-"""Share of the residual that a function of the drive must explain: slow noise hides from the
-floor, so that less may be all that is left."""
+_TELLING = 0.03
+"""Power that a function of the drive must explain, over the floor's: mechanics that nobody sees
+leave less, and slow noise that hides from the floor makes the residual look larger than it is."""
 _MATERIAL = 1.06
 """Residual over the floor below which what is left is less than a third of the noise."""
 
@@ -60,7 +60,7 @@ def structure(fit: Fit, noise: NoiseFloor) -> Structure:
         )
     point = BasePoint(fit)
     r = point.residual
-    worst, name = _follows_drive(fit, point)
+    worst, name = _follows_drive(fit, point, noise.rms)
     if worst < _RARE and fit.rms > _MATERIAL * noise.rms:
         clues.append(f"The residual follows the drive: it correlates with {name}.")
     burst = _bursts(r)
@@ -69,7 +69,7 @@ def structure(fit: Fit, noise: NoiseFloor) -> Structure:
     return Structure(bool(clues), tuple(clues))
 
 
-def _follows_drive(fit: Fit, point: BasePoint) -> tuple[float, str]:
+def _follows_drive(fit: Fit, point: BasePoint, floor: float) -> tuple[float, str]:
     """Smallest corrected p-value over generic functions of the drive, and the function's name."""
     parts: dict[str, list[FloatArray]] = {}
     for index, record in enumerate(fit.records):
@@ -78,7 +78,7 @@ def _follows_drive(fit: Fit, point: BasePoint) -> tuple[float, str]:
     least, named = 1.0, ""
     for label, columns in parts.items():
         column = point.project(np.concatenate(columns))
-        if _share(column, point.residual) < _TELLING:
+        if _share(column, point.residual) * fit.rms**2 < _TELLING * floor**2:
             continue
         p = chance(column, point.residual, dense=True) * len(parts)
         if p < least:

@@ -332,3 +332,24 @@ def test_what_joined_beside_an_effect_is_told() -> None:
     richer = solved(question, {**fit.values, "second_order.omega": 3e2}, 1)
     assert _of_base(fit, richer) == ["second_order", "bouc_wen.n"]
     assert _of_base(richer, richer) == []
+
+
+def test_a_look_alike_that_halves_the_error_is_an_effect_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A creep beside a lag is no shape of the lag, however alike they look at the foot."""
+    time = clock(2000)
+    hidden = (AmplifierLag(), {"share": 1.0, "tau": 4e-3}), CREEP
+    record = measured(STILL, time, rich(time), *hidden)
+    test = measured(STILL, time, triangle(time, 1.3), *hidden, seed=3)
+    monkeypatch.setattr(module, "_sibling", lambda _, steps, __: 0 if steps else None)
+    candidates: list[Effect] = [AmplifierLag(), Creep(elements=1)]
+    apart, _ = climbed(STILL, record, candidates, test)
+    assert [s.name for s in apart.steps] == ["amplifier_lag", "creep"]
+    assert apart.steps[1].rms_after < 0.5 * apart.steps[1].rms_before
+    monkeypatch.setattr(module, "_SHAPING", 0.0)
+    merged, _ = climbed(STILL, record, candidates, test)
+    assert [s.name for s in merged.steps] == ["amplifier_lag"]
+    assert "creep" in merged.steps[0].group
+    assert "creep" in merged.final.model
+    assert merged.final.rms == pytest.approx(apart.final.rms, rel=1e-3)

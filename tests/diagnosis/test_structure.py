@@ -104,18 +104,19 @@ def known(floor: float) -> NoiseFloor:
     return NoiseFloor(floor, 0.97 * floor, 1.03 * floor, False, "known")
 
 
-@pytest.mark.parametrize(("size", "heard"), [(0.6, False), (1.2, True)])
+@pytest.mark.parametrize(("size", "heard"), [(0.25, False), (0.6, True)])
 def test_what_follows_the_drive_is_a_clue_where_it_matters(
     clean: po.Fit, size: float, heard: bool
 ) -> None:
     """Most of a cube the parameters can follow; what they leave must be worth a word."""
     cube = ((clean.records[0].drive - 30.0) / 30.0) ** 3
     fit = changed(clean, white(0) + size * NOISE * cube / float(np.sqrt(np.mean(cube**2))))
-    said = structure(fit, known(0.5 * NOISE))
+    said = structure(fit, known(0.94 * NOISE))
     assert any("follows the drive" in clue for clue in said.clues) is heard
     # However sure, it is none where the error is hardly above the floor.
-    for above, material in ((1.05, False), (1.07, heard)):
-        said = structure(fit, known(fit.rms / above))
+    for above, material in ((1.05, False), (1.3, True)):
+        large = changed(clean, white(0) + 3.0 * NOISE * cube)
+        said = structure(large, known(large.rms / above))
         assert any("follows the drive" in clue for clue in said.clues) is material
 
 
