@@ -28,17 +28,19 @@ def prune(
     """
     kept, dropped = list(steps), []
     joined = any(e.structural and n not in held.question.model for n, e in fit.model)
-    for step in steps:
+    for name in [step.name for step in steps]:
+        # By name: a step that follows a dropped one is another object with what that one had won.
+        step = next(one for one in kept if one.name == name)
         named = {other.name for other in kept}
         shapes = [n for n in step.group[1:] if n in fit.model and n not in named]
-        last = step is steps[-1] and not shapes and not joined
-        if step.name not in fit.model or last:
+        last = step is kept[-1] and not shapes and not joined
+        if name not in fit.model or last:
             continue  # the last one was judged with all the others present
-        model = fit.model.without(step.name)
+        model = fit.model.without(name)
         fresh = forgetful(fit, held.question).with_model(model)
-        later = [name for name, effect in model if not effect.structural]
+        later = [n for n, effect in model if not effect.structural]
         trials = [Trial(fit.question.with_model(model), fit.values)]
-        for begin in (starting_values, *(_jointly(name) for name in later)):
+        for begin in (starting_values, *(_jointly(n) for n in later)):
             with suppress(PiezoOptError, ArithmeticError, ValueError):
                 trials.append(Trial(fresh, begin(fresh, Monitor(()))))
         poorer = [rung.fit for rung in race(fit, trials, threads)]
@@ -48,7 +50,7 @@ def prune(
         if bic_gain(least, fit) < 0.5 * STRONG:
             fit = least
             left = renamed(kept, step, shapes[0], fit) if shapes else without(kept, step)
-            dropped.append(step.name)
+            dropped.append(name)
             kept = [*left[:-1], *(_topped(top, fit, held) for top in left[-1:])]
     return fit, kept, dropped
 

@@ -249,6 +249,31 @@ def test_what_a_later_step_made_unnecessary_is_dropped() -> None:
     assert prune(fit, steps, alone(fit), 1) == (fit, steps, [])
 
 
+def test_two_steps_in_a_row_are_dropped() -> None:
+    """The second one has become another object when the first one was dropped."""
+    fit = crowded(CREEP)
+    steps = [step(fit, name) for name in ("drift", "nonlinear_gain", "creep")]
+    steps[0] = replace(steps[0], rms_before=3.0)
+    pruned, kept, dropped = prune(fit, steps, alone(fit), 1)
+    assert dropped == ["drift", "nonlinear_gain"]
+    assert [(s.name, s.rms_before, s.rms_after, s.delta_bic) for s in kept] == [
+        ("creep", 3.0, pruned.rms, 60.0)
+    ]
+    assert pruned.model.names == (*STILL.names, "creep")
+
+
+def test_mechanics_that_joined_may_leave_no_step_at_all() -> None:
+    """A drift that was accepted together with mechanics is not needed beside them."""
+    time = clock(1500)
+    record = measured(MOVING, time, rich(time))
+    fit = fitted(MOVING + Drift(), record)
+    steps = [step(fit, "drift")]
+    foot = HeldOut(po.Identification(STILL, record), None, "")
+    pruned, kept, dropped = prune(fit, steps, foot, 1)
+    assert (kept, dropped) == ([], ["drift"])
+    assert pruned.rms == pytest.approx(NOISE, rel=0.05)
+
+
 def test_what_was_taken_for_a_shape_may_be_the_effect_itself() -> None:
     """Creep was counted as the shape of a drift that explains nothing: the step is creep's."""
     fit = crowded(CREEP)
