@@ -30,10 +30,10 @@ independent samples is a thousandth of the cost; on the plateaus of a bent loop 
 end."""
 _RACE = 1.5
 """Error over the best rival's beyond which a refit is out of the race..."""
-_BEHIND = 1.1
-"""Error over that of the fit below up to which more detail is."""
 _PODIUM = 3
-"""...unless it is among the best."""
+"""...unless it is among the best so many."""
+_BEHIND = 1.1
+"""Error over that of the fit below up to which more detail stays in the race."""
 
 
 @final

@@ -12,6 +12,7 @@ from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.problem import Identification, Loss, Shape, Start
 from piezo_opt.identification.unknowns import Unknowns
 from piezo_opt.simulation import TOLERANCE, Accuracy, Initial, Simulator
+from piezo_opt.simulation.accuracy import DIVERGED
 
 FloatArray = NDArray[np.float64]
 
@@ -19,8 +20,6 @@ MOST_A_SAMPLE = 64
 """Sub-steps a sample beyond which a finer scheme costs more than it tells."""
 ENOUGH_A_SAMPLE = 16
 """The same where models are compared, not estimated."""
-DIVERGED = 1e100
-"""What no reading and no sensitivity reaches."""
 FINEST = 1e-8
 """Scheme error as a share of the reading's range beyond which nothing is refined."""
 

@@ -277,7 +277,7 @@ class _Search:
         point = objective.linearised(theta)
         cost = objective.cost(point.residual)
         # Sub-steps are those of the first trial: a stiffer one diverges, and is no candidate.
-        if not np.isfinite(cost) or not float(np.abs(point.jacobian).max(initial=0.0)) < 1e100:
+        if not np.isfinite(cost) or not point.usable:
             return float("inf"), start
         linear = [
             k for k, m in enumerate(unknown.members)

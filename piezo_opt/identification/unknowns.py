@@ -100,6 +100,7 @@ class Unknowns:
 
 
 _IN_PROPORTION = ("rad/s", "1/s^2", "m/s^2")
+"""Units of natural frequencies, and of stiffnesses and forces per mass."""
 _FINEST = 2e-3
 """Share of the stroke below which a distance is as good as none, and costly to follow."""
 

@@ -30,7 +30,8 @@ _MOST: Final = 20_000_000
 """Sub-steps in one simulation beyond which the model is called too stiff."""
 _TRIES: Final = 32
 """Sub-steps over the first choice that are tried until a simulation is finite."""
-_DIVERGED: Final = 1e100
+DIVERGED: Final = 1e100
+"""What no reading and no sensitivity reaches: squares of more overflow."""
 _PATIENCE: Final = 3
 """Halvings without a gain before the best is taken: at first one may not reach the steep parts."""
 
@@ -181,4 +182,4 @@ def choose(
 
 def _bounded(reading: FloatArray) -> bool:
     """Whether a simulation has neither ended in NaN nor is on its way there."""
-    return bool(np.abs(reading).max(initial=0.0) < _DIVERGED)
+    return bool(np.abs(reading).max(initial=0.0) < DIVERGED)

@@ -242,3 +242,11 @@ def test_from_nothing_a_force_begins_straight() -> None:
     solver = LevenbergMarquardt(tolerance=1e-12)
     solution = solver.minimise(cast(Objective, valley), np.array([4.0, 0.0]))
     np.testing.assert_allclose(solution.theta, [4.0, 16.0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -1e101])
+def test_a_sensitivity_that_diverges_is_seen_beside_sound_residuals(wrong: float) -> None:
+    residual, jacobian = np.ones(3), np.ones((3, 2))
+    assert Linearised(residual, jacobian).usable
+    assert not Linearised(residual, np.where(np.eye(3, 2) > 0, wrong, jacobian)).usable
+    assert not Linearised(np.array([1.0, wrong, 1.0]), jacobian).usable
