@@ -18,7 +18,7 @@ SHARE = 0.3
 """Last part of a lone record that is held out and simulated through."""
 _TENTH = 0.9**2
 _UNSEEN = 0.1**2
-_FOREIGN, _LEVEL = 3.0, 1.02**2
+FOREIGN, _LEVEL = 3.0, 1.02**2
 """Held-out error over the fitted one from which it is of something else, and how far it may rise
 then."""
 FEWEST = 300
@@ -72,7 +72,7 @@ def error_on(fit: Fit, record: Measurement | None) -> FloatArray | None:
     """Counted errors of a fit on a record [m]; None without a record."""
     if record is None:
         return None
-    return np.asarray((record.position - fit.predict(record))[record.counted])
+    return np.asarray((record.position - fit.predict(record, refine=False))[record.counted])
 
 
 def rms(error: FloatArray | None) -> float | None:
@@ -104,7 +104,7 @@ def agrees(before: FloatArray | None, after: FloatArray | None, fitted: float = 
     power = float(np.mean(before**2))
     if float(np.mean((after - before) ** 2)) < _UNSEEN * power:
         return True
-    foreign = power > (_FOREIGN * fitted) ** 2
+    foreign = power > (FOREIGN * fitted) ** 2
     if foreign and float(np.mean(after**2)) < _LEVEL * power:
         return True
     gain = before**2 - after**2

@@ -74,6 +74,7 @@ def rivals(
                         start={**kept, **widths},
                         solver=LevenbergMarquardt(iterations=60, tolerance=1e-6),
                         transcription=SingleShooting(refine=False),
+                        statistics=False,
                     )
                     for widths in _widths(law(), fit)
                 ),

@@ -97,6 +97,7 @@ def solved(question: Identification, start: Mapping[str, float], iterations: int
         start=start,
         solver=LevenbergMarquardt(iterations=iterations, tolerance=_CLOSE),
         transcription=SingleShooting(refine=False),
+        statistics=False,
     )
     if fit.outcome.ending is Ending.INTERRUPTED:
         raise KeyboardInterrupt

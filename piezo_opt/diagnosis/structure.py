@@ -60,9 +60,10 @@ def structure(fit: Fit, noise: NoiseFloor) -> Structure:
         )
     point = BasePoint(fit)
     r = point.residual
-    worst, name = _follows_drive(fit, point, noise.rms)
-    if worst < _RARE and fit.rms > _MATERIAL * noise.rms:
-        clues.append(f"The residual follows the drive: it correlates with {name}.")
+    if fit.rms > _MATERIAL * noise.rms:
+        worst, name = _follows_drive(fit, point, noise.rms)
+        if worst < _RARE:
+            clues.append(f"The residual follows the drive: it correlates with {name}.")
     burst = _bursts(r)
     if burst is not None:
         clues.append(burst)

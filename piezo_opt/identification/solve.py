@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.identification.monitor import Monitor, ProgressCallback
 from piezo_opt.identification.multistart import run_starts
-from piezo_opt.identification.objective import Objective
+from piezo_opt.identification.objective import Linearised, Objective
 from piezo_opt.identification.outcome import Ending, Outcome
 from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.result import Fit
@@ -38,6 +38,7 @@ def solve(
     executor: Executor | None = None,
     log: str | Path | None = None,
     progress: ProgressCallback | None = None,
+    statistics: bool = True,
 ) -> Fit:
     """Estimate the unknowns of a question.
 
@@ -52,6 +53,8 @@ def solve(
         log: HDF5 file that keeps every finished start; a second call with the same question,
             seed and file goes on where the first was stopped.
         progress: called with each iterate.
+        statistics: False leaves the covariance unknown (NaN), and blind spots and remarks unsaid,
+            where fits are only compared; :func:`with_statistics` adds them.
 
     Returns:
         the best fit. An interrupt (Ctrl-C) returns the best so far, and says so.
@@ -72,14 +75,23 @@ def solve(
             asked, unknown, theta, chosen, solver, starts, seed, executor, log, monitor
         )
         best = Solution(runs.theta, runs.ending, runs.sentence)
-        fit = _finish(asked, unknown, best, chosen, solver, monitor)
+        fit = _finish(asked, unknown, best, chosen, solver, monitor, statistics)
         return replace(fit, starts=runs.results)
     try:
         solution = chosen.identify(asked, unknown, theta, solver, monitor)
     except KeyboardInterrupt:
         found = theta if monitor.best is None else monitor.best
         solution = Solution(found, Ending.INTERRUPTED, "")
-    return _finish(asked, unknown, solution, chosen, solver, monitor)
+    return _finish(asked, unknown, solution, chosen, solver, monitor, statistics)
+
+
+def with_statistics(fit: Fit) -> Fit:
+    """The same fit with covariance, blind spots and remarks, where it was solved without."""
+    unknown = unknowns(fit.question, fit.values)
+    theta = theta_of(unknown, fit.values)
+    monitor = Monitor(unknown.names)
+    objective = Objective(fit.question, unknown, theta, monitor, accuracy=fit.accuracy)
+    return _stated(fit, objective, objective.linearised(theta), theta)
 
 
 def _numbers(start: Fit | Values | Mapping[str, float]) -> Mapping[str, float]:
@@ -93,8 +105,9 @@ def _finish(
     transcription: Transcription,
     solver: object | None,
     monitor: Monitor,
+    statistics: bool,
 ) -> Fit:
-    """Statistics at the solution, on exact sensitivities, whatever found it."""
+    """The fit at the solution, on exact sensitivities, whatever found it."""
     theta = unknown.clip(solution.theta)
     spent = monitor.evaluations
     objective = Objective(
@@ -102,40 +115,44 @@ def _finish(
     )
     if not solution.accuracy:
         objective.refine(theta)
-    point = objective.linearised(theta)
+    known = solution.point if solution.accuracy else None
+    point = objective.linearised(theta) if known is None else known
     weighted = objective.robust(point)
-    at_bound = _at_bound(unknown, theta, weighted.jacobian.T @ weighted.residual)
-    free = np.array([n not in at_bound for n in unknown.names], dtype=bool)
-    scale = unknown.scale
     k = theta.size
-    covariance, coloured = np.full((k, k), np.nan), False
-    blind: tuple[str, ...] = ()
-    if weighted.usable:
-        scaled = weighted.jacobian * scale
-        known = uncertainty(weighted.residual, scaled, free, objective.samples)
-        covariance, coloured = known.covariance * np.outer(scale, scale), known.coloured
-        blind = blind_spots(unknown.names, theta, scale, weighted.residual, weighted.jacobian, free)
-    readings = tuple(objective.readings(theta))
     fit = Fit(
         question=question,
         values=unknown.values(theta),
         names=unknown.names,
-        covariance=covariance,
-        coloured=coloured,
-        at_bound=at_bound,
-        readings=readings,
+        covariance=np.full((k, k), np.nan),
+        coloured=False,
+        at_bound=_at_bound(unknown, theta, weighted.jacobian.T @ weighted.residual),
+        readings=tuple(objective.readings(theta)),
         outcome=Outcome(solution.ending, ""),
         trace=monitor.trace,
         evaluations=spent,
         wall_s=monitor.elapsed_s,
-        blind=blind,
+        blind=(),
         remarks=(),
         accuracy=objective.accuracy,
         compiled=all(s.compiled for s in objective.simulators),
         solver=str(getattr(solver, "name", transcription.default_solver)),
         transcription=transcription.name,
     )
-    return replace(fit, outcome=_outcome(solution, fit), remarks=_remarks(question, fit))
+    fit = replace(fit, outcome=_outcome(solution, fit))
+    return _stated(fit, objective, point, theta) if statistics else fit
+
+
+def _stated(fit: Fit, objective: Objective, point: Linearised, theta: FloatArray) -> Fit:
+    """A fit with its statistics at the solution."""
+    weighted = objective.robust(point)
+    scale = objective.unknowns.scale
+    free = np.array([n not in fit.at_bound for n in fit.names], dtype=bool)
+    if weighted.usable:
+        known = uncertainty(weighted.residual, weighted.jacobian * scale, free, objective.samples)
+        blind = blind_spots(fit.names, theta, scale, weighted.residual, weighted.jacobian, free)
+        covariance = known.covariance * np.outer(scale, scale)
+        fit = replace(fit, covariance=covariance, coloured=known.coloured, blind=blind)
+    return replace(fit, remarks=_remarks(fit.question, fit))
 
 
 def _at_bound(unknown: Unknowns, theta: FloatArray, gradient: FloatArray) -> tuple[str, ...]:

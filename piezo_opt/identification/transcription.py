@@ -89,4 +89,6 @@ class SingleShooting:
         if self.refine and objective.refine(solution.theta):
             # Sub-steps that were enough at the start are not at the solution: once more.
             solution = taken.minimise(objective, solution.theta)
+        elif self.refine:
+            solution = replace(solution, point=None)  # on other sub-steps than were chosen since
         return replace(solution, accuracy=objective.accuracy)

@@ -250,3 +250,30 @@ def test_a_sensitivity_that_diverges_is_seen_beside_sound_residuals(wrong: float
     assert Linearised(residual, jacobian).usable
     assert not Linearised(residual, np.where(np.eye(3, 2) > 0, wrong, jacobian)).usable
     assert not Linearised(np.array([1.0, wrong, 1.0]), jacobian).usable
+
+
+def test_a_step_that_will_be_taken_is_simulated_once() -> None:
+    """On a straight line every step is taken: no simulation without sensitivities is spent."""
+    objective, theta = objective_of(po.Identification(LINE, line(white(0, 1e-8))), {D: 2e-7})
+    LevenbergMarquardt().minimise(objective, theta)
+    assert objective.monitor.simulations == 0
+    assert objective.monitor.with_sensitivities <= 4
+    # Around Rosenbrock's bend steps are refused; those are tried without.
+    valley = Valley()
+    spent: list[str] = []
+    linearised, residual = valley.linearised, valley.residual
+    valley.linearised = lambda at: (spent.append("J"), linearised(at))[1]  # type: ignore[method-assign]
+    valley.residual = lambda at: (spent.append("r"), residual(at))[1]  # type: ignore[method-assign]
+    LevenbergMarquardt().minimise(cast(Objective, valley), np.array([-1.2, 1.0]))
+    tried = "".join(spent).replace("Jr", "J")  # the valley's Jacobian asks for its residual
+    assert "r" in tried
+    assert tried.count("r") < tried.count("J")
+
+
+def test_the_solution_knows_its_residual_and_jacobian() -> None:
+    objective, theta = objective_of(po.Identification(LINE, line(white(0, 1e-8))), {D: 2e-7})
+    solution = LevenbergMarquardt().minimise(objective, theta)
+    assert solution.point is not None
+    fresh = objective.linearised(solution.theta)
+    np.testing.assert_array_equal(solution.point.residual, fresh.residual)
+    np.testing.assert_array_equal(solution.point.jacobian, fresh.jacobian)

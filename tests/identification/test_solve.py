@@ -10,7 +10,7 @@ import pytest
 from scipy import signal, stats
 
 import piezo_opt as po
-from piezo_opt.identification import Ending, Progress
+from piezo_opt.identification import Ending, Progress, with_statistics
 from tests.identification.truth import LINE, MOVING, STILL, TRUTH, loops, record
 
 TIME, DRIVE = loops(300)
@@ -271,3 +271,15 @@ def test_an_outlier_bends_the_fit_less_under_a_robust_loss() -> None:
     for name in ("piezo_gain.d", "bouc_wen.beta"):
         wrong, right = plain.values[name] - TRUTH[name], robust.values[name] - TRUTH[name]
         assert abs(right) < 0.1 * abs(wrong), name
+
+
+def test_statistics_can_be_left_for_later(fit: po.Fit) -> None:
+    """Fits that are only compared need none; what is added later is what would have been."""
+    bare = po.solve(fit.question, statistics=False)
+    assert np.isnan(bare.covariance).all()
+    assert (bare.blind, bare.remarks) == ((), ())
+    assert bare.values == pytest.approx(fit.values)
+    full = with_statistics(bare)
+    np.testing.assert_allclose(full.covariance, fit.covariance, rtol=1e-6)
+    assert (full.blind, full.remarks, full.coloured) == (fit.blind, fit.remarks, fit.coloured)
+    assert full.outcome == bare.outcome

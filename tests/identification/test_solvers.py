@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -200,16 +201,20 @@ def test_an_interrupt_goes_through_and_the_best_is_kept(solver: ResidualSolver) 
     listed, theta = begun(loop())
     monitor = Monitor(listed.names)
     objective = Objective(loop(), listed, theta, monitor)
-    residual = objective.residual
+    residual, linearised = objective.residual, objective.linearised
     calls = [0]
 
-    def interrupted(at: np.ndarray) -> np.ndarray:
-        calls[0] += 1
-        if calls[0] == 12:
-            raise KeyboardInterrupt
-        return residual(at)
+    def interrupted(of: Callable[[np.ndarray], Any]) -> Callable[[np.ndarray], Any]:
+        def counted(at: np.ndarray) -> Any:
+            calls[0] += 1
+            if calls[0] == 12:
+                raise KeyboardInterrupt
+            return of(at)
 
-    objective.residual = interrupted  # type: ignore[method-assign]
+        return counted
+
+    objective.residual = interrupted(residual)  # type: ignore[method-assign]
+    objective.linearised = interrupted(linearised)  # type: ignore[method-assign]
     with pytest.raises(KeyboardInterrupt):
         solver.minimise(objective, theta)
     assert monitor.best is not None

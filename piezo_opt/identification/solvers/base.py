@@ -8,7 +8,7 @@ from typing import Protocol, final
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.identification.objective import Objective
+from piezo_opt.identification.objective import Linearised, Objective
 from piezo_opt.identification.outcome import Ending
 from piezo_opt.simulation import Accuracy
 
@@ -25,6 +25,8 @@ class Solution:
     sentence: str
     accuracy: tuple[Accuracy, ...] = ()
     """Sub-steps of each record that were enough at the end; empty where nobody looked."""
+    point: Linearised | None = None
+    """Residual and Jacobian at ``theta`` on those sub-steps, where they are known."""
 
 
 class ResidualSolver(Protocol):

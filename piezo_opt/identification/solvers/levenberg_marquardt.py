@@ -23,6 +23,9 @@ _SMALL = 1e-3
 """Share of its size below which an unknown is stepped straight: zero has no logarithm."""
 _FAR = 1.5
 """Longest step of a logarithm."""
+_SURE = 0.25
+"""Gain ratio of a step from which the next is expected to lower the cost as well."""
+_STILL = "no step lowers the cost further"
 
 
 @final
@@ -72,6 +75,9 @@ class LevenbergMarquardt:
         floor = 1e-30 * max(cost, 1e-300)
         norms = np.zeros(theta.size)
         history = [cost]
+        # A step that will be taken is simulated once, with its sensitivities; one that may be
+        # refused costs less without them.
+        sure = True
         for _ in range(self.iterations):
             weighted = objective.robust(point)
             straight = ~relative | (theta < _SMALL * unknowns.scale)
@@ -91,7 +97,7 @@ class LevenbergMarquardt:
             moving = np.flatnonzero(~held)
             steepness = np.abs(gradient[moving]) / np.sqrt(weight[moving])
             if moving.size == 0 or cost <= floor or steepness.max() <= 1e-10 * np.sqrt(cost):
-                return Solution(theta, Ending.CONVERGED, "the gradient vanished")
+                return Solution(theta, Ending.CONVERGED, "the gradient vanished", point=point)
             while True:
                 step = _step(normal, gradient, weight, damping, moving)
                 along = np.where(straight, step, np.expm1(np.clip(step, -_FAR, _FAR)))
@@ -99,7 +105,8 @@ class LevenbergMarquardt:
                 step = (trial - theta) / scale
                 step = np.where(straight, step, np.log1p(np.maximum(step, -0.99)))
                 predicted = -float(gradient @ step + 0.5 * step @ normal @ step)
-                residual = objective.residual(trial)
+                ahead = objective.linearised(trial) if sure else None
+                residual = objective.residual(trial) if ahead is None else ahead.residual
                 trial_cost = objective.cost(residual)
                 gain = (cost - trial_cost) / predicted if predicted > 0 else -1.0
                 if gain > 1e-4:
@@ -107,28 +114,30 @@ class LevenbergMarquardt:
                 if predicted <= self.tolerance * cost and abs(trial_cost - cost) <= (
                     10.0 * self.tolerance * cost
                 ):
-                    return Solution(theta, Ending.CONVERGED, "no step lowers the cost further")
-                damping, growth = damping * growth, 2.0 * growth
+                    return Solution(theta, Ending.CONVERGED, _STILL, point=point)
+                damping, growth, sure = damping * growth, 2.0 * growth, False
                 if damping > 1e16:
-                    return Solution(theta, Ending.CONVERGED, "no step lowers the cost further")
+                    return Solution(theta, Ending.CONVERGED, _STILL, point=point)
             decrease = cost - trial_cost
             damping = max(1e-14, damping * max(1.0 / 5.0, 1.0 - (2.0 * gain - 1.0) ** 3))
-            growth = 2.0
+            growth, sure = 2.0, gain > _SURE
             theta, cost = trial, trial_cost
             objective.monitor.saw(theta, cost)
             objective.monitor.iterate(theta, objective.rms(residual))
             if decrease <= self.tolerance * cost and predicted <= self.tolerance * cost:
-                return Solution(theta, Ending.CONVERGED, "the cost stopped falling")
+                return Solution(theta, Ending.CONVERGED, "the cost stopped falling", point=ahead)
             history.append(cost)
             if len(history) > _PATIENCE and history[-1 - _PATIENCE] < (1.0 + _CRAWL) * cost:
                 return Solution(
-                    theta, Ending.CONVERGED, "the cost falls only along a valley without end"
-                )
-            point = objective.linearised(theta)
+                    theta, Ending.CONVERGED, "the cost falls only along a valley without end",
+                    point=ahead,
+                )  # fmt: skip
+            point = objective.linearised(theta) if ahead is None else ahead
         return Solution(
             theta, Ending.LIMIT,
             f"Stopped after {self.iterations} iterations while the cost was still falling; go on "
             "with solve(question, start=fit), or raise iterations.",
+            point=point,
         )  # fmt: skip
 
 
