@@ -694,6 +694,19 @@ def test_sensor_curvature_is_quadratic() -> None:
     np.testing.assert_allclose(reading, 1e-3 * drive + 20.0 * (1e-3 * drive) ** 2, atol=1e-15)
 
 
+def test_gain_and_calibration_may_be_cubic() -> None:
+    drive = np.linspace(-3, 5, 17)
+    own = {"nonlinear_gain.k2": 2e-5, "nonlinear_gain.even": 0.01, "nonlinear_gain.q": 50.0}
+    reading = static(NonlinearGain(cubic=True), drive, own)
+    added = 2e-5 * (drive**3 / 50.0 + 0.01 * drive**2)
+    np.testing.assert_allclose(reading, 1e-3 * drive + added, atol=1e-15)
+    own = {"sensor_curvature.a": 20.0, "sensor_curvature.q": 2e-3, "sensor_curvature.even": -0.3}
+    reading = static(SensorCurvature(cubic=True), drive, own)
+    x = 1e-3 * drive
+    np.testing.assert_allclose(reading, x + 20.0 * (x**3 / 2e-3 - 0.3 * x**2), atol=1e-15)
+    assert {"even", "q"} == {*NonlinearGain(cubic=True).parameters} - {*NonlinearGain().parameters}
+
+
 def test_drift_is_a_straight_line_unless_it_warms_up() -> None:
     time = np.linspace(0.0, 100.0, 51) + 7.0
     drive = np.sin(time)
@@ -705,6 +718,18 @@ def test_drift_is_a_straight_line_unless_it_warms_up() -> None:
     np.testing.assert_allclose(
         warming - GAIN * drive, 6e-7 * (1 - np.exp(-elapsed / 30.0)), rtol=1e-9, atol=1e-18
     )
+
+
+def test_a_wandering_drift_is_a_cubic() -> None:
+    time = np.linspace(0.0, 100.0, 51) + 7.0
+    t = time - 7.0
+    own = {"drift.rate": 2e-8, "drift.bend": -0.03, "drift.twist": 2.1e-4}
+    reading, _ = respond(PiezoGain() + Drift(wandering=True), time, np.sin(time), own, 10.0)
+    wander = 2e-8 * (t - 0.03 * t**2 + 2.1e-4 * t**3)
+    np.testing.assert_allclose(reading - GAIN * np.sin(time), wander, rtol=1e-6, atol=1e-18)
+    assert wander.min() < 0.0 < wander[-1]
+    assert set(Drift(wandering=True).parameters) == {"rate", "bend", "twist"}
+    assert set(Drift().parameters) == {"rate", "tau"}
 
 
 def test_mains_pickup_is_a_sine_of_the_record_s_time() -> None:

@@ -74,8 +74,26 @@ class AirDrag(Effect):
         return Equations(gives=-p.c * w * abs(w))
 
 
+@final
+@dataclass(frozen=True)
+class Form:
+    """An effect in one of the other forms under which a search tries it: made as its class is."""
+
+    kind: type[Effect]
+    options: Mapping[str, Any]
+
+    def __call__(self) -> Effect:
+        return self.kind(**self.options)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.kind, name)
+
+
 KINDS: list[type[Effect]] = [*CATALOGUE.values(), AirDrag]
-OPTIONAL = [kind for kind in KINDS if not kind.structural]
+FORMS: list[Any] = [
+    Form(kind, options) for kind in KINDS for options in kind.variants if kind(**options) != kind()
+]
+OPTIONAL = [*(kind for kind in KINDS if not kind.structural), *FORMS]
 MECHANICS = PiezoGain() + BoucWen() + SecondOrder()
 
 TIME = np.arange(200) / 20e3
@@ -94,7 +112,8 @@ def record(metre: float = 1.0, volt: float = 1.0, second: float = 1.0, kelvin: f
 
 
 def label(kind: type[Effect]) -> str:
-    return kind().name
+    options = kind.options if isinstance(kind, Form) else {}
+    return "-".join([kind().name, *(f"{k}={v}" for k, v in options.items())])
 
 
 each = pytest.mark.parametrize("kind", KINDS, ids=label)

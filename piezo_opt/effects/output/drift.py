@@ -13,16 +13,20 @@ from piezo_opt.symbolic import expm1
 @final
 @dataclass(frozen=True)
 class Drift(Effect):
-    """Drift of the zero from the start of the record, straight or levelling out (warm-up).
+    """Drift of the zero from the start of the record: straight, levelling out, or wandering.
 
         y = x + rate tau (1 - exp(-t / tau))
+        y = x + rate (t + bend t^2 + twist t^3)   wandering
 
-    With tau at its default of 1e9 s, where it is kept unless freed, this is x + rate t.
+    With tau at its default of 1e9 s, where it is kept unless freed, the first is x + rate t. The
+    second is the smooth wander of a room's temperature, as far as a cubic follows it.
 
     References: Fleming (2013), Sensors and Actuators A 190, 106-126 (drift and stability).
     """
 
+    wandering: bool = False
     place = Place.OUTPUT
+    variants = ({"wandering": False}, {"wandering": True})
     rate = Parameter(
         "m/s", "drift at the start of the record", nominal=0.0, bounds=(-1.0, 1.0),
         typical=(-1e-7, 1e-7), null=0.0, per_record=True,
@@ -31,12 +35,36 @@ class Drift(Effect):
         "s", "warm-up time", nominal=1e9, bounds=(1e-3, 1e9), typical=(60.0, 3600.0), fixed=True,
         detail=True,
     )  # fmt: skip
+    bend = Parameter(
+        "1/s", "growth of the rate", nominal=0.0, bounds=(-1e9, 1e9), typical=(-1.0, 1.0),
+        per_record=True,
+    )  # fmt: skip
+    twist = Parameter(
+        "1/s^2", "growth of the growth", nominal=0.0, bounds=(-1e9, 1e9), typical=(-1.0, 1.0),
+        per_record=True,
+    )  # fmt: skip
+
+    @property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """Those of this form."""
+        other = {"tau"} if self.wandering else {"bend", "twist"}
+        return {k: p for k, p in self._parameters.items() if k not in other}
+
+    @property
+    def details(self) -> tuple[str, ...]:
+        """The warm-up of the form that has one."""
+        return () if self.wandering else ("tau",)
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
         """Slow creep that was under way at the start runs out like a warm-up."""
-        return {"rate": 0.0, "tau": own["tau"]} if other == "creep" else None
+        alike = other == "creep" and not self.wandering
+        return {"rate": 0.0, "tau": own["tau"]} if alike else None
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing reading."""
-        grown = -p.tau * expm1(-chain.time / p.tau)
+        t = chain.time
+        if self.wandering:
+            grown = t * (1.0 + t * (p.bend + t * p.twist))
+        else:
+            grown = -p.tau * expm1(-t / p.tau)
         return Equations(gives=chain.incoming.value + p.rate * grown)

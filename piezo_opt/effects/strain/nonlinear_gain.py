@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -11,28 +12,52 @@ from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
 @final
 @dataclass(frozen=True)
 class NonlinearGain(Effect):
-    """Quadratic (and cubic) stroke per drive.
+    """Quadratic (and cubic) stroke per drive, or cubic (and quadratic).
 
         s += k2 v^2 (1 + ratio v)
+        s += k2 v^2 (v / q + even)   cubic
 
-    The cubic coefficient is k2 ratio, so that one gate makes both vanish; ratio is kept at 0
-    unless freed.
+    The cubic coefficient of the first is k2 ratio, so that one gate makes both vanish; ratio is
+    kept at 0 unless freed. A stroke that bends alike on both sides of zero has no quadratic part
+    to be entered by: cubic begins with that, even at 0, and q gives k2 its unit.
 
     References: Smith (2005), Smart Material Systems: Model Development, SIAM
     (electrostrictive strain, quadratic in the field).
     """
 
+    cubic: bool = False
     place = Place.STRAIN
+    variants = ({"cubic": False}, {"cubic": True})
     k2 = Parameter(
-        "m/V^2", "quadratic coefficient", nominal=0.0, bounds=(-1e-3, 1e-3),
+        "m/V^2", "quadratic coefficient, cubic at the drive q", nominal=0.0, bounds=(-1e-3, 1e-3),
         typical=(-1e-9, 1e-9), null=0.0,
     )  # fmt: skip
     ratio = Parameter(
         "1/V", "cubic over quadratic coefficient", nominal=0.0, bounds=(-1e3, 1e3),
         typical=(-1e-2, 1e-2), fixed=True, detail=True,
     )  # fmt: skip
+    even = Parameter(
+        "1", "quadratic over cubic part at the drive q", nominal=0.0, bounds=(-1e3, 1e3),
+        typical=(-1.0, 1.0), fixed=True, detail=True,
+    )  # fmt: skip
+    q = Parameter(
+        "V", "drive at which k2 is the cubic coefficient", nominal=100.0, bounds=(1e-6, 1e6),
+        fixed=True,
+    )  # fmt: skip
+
+    @property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """Those of this form."""
+        other = {"ratio"} if self.cubic else {"even", "q"}
+        return {k: p for k, p in self._parameters.items() if k not in other}
+
+    @property
+    def details(self) -> tuple[str, ...]:
+        """The other power."""
+        return ("even",) if self.cubic else ("ratio",)
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement."""
         v = chain.drive.value
-        return Equations(gives=p.k2 * v * v * (1.0 + p.ratio * v))
+        shape = v / p.q + p.even if self.cubic else 1.0 + p.ratio * v
+        return Equations(gives=p.k2 * v * v * shape)
