@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.contest import contest, settled
-from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, rms
+from piezo_opt.diagnosis.exchange import exchange
+from piezo_opt.diagnosis.grouping import group_of
+from piezo_opt.diagnosis.held_out import FOREIGN, HeldOut, agrees, error_on, rms
 from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.prune import prune
 from piezo_opt.diagnosis.refinements import lean, plausible, refinements, with_base_details
@@ -22,7 +24,7 @@ from piezo_opt.diagnosis.steps import Step, shaped_further, step_to
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import PiezoOptError
-from piezo_opt.identification import Fit
+from piezo_opt.identification import Fit, with_statistics
 
 FloatArray = NDArray[np.float64]
 
@@ -40,12 +42,6 @@ _TOLERATED = 1.1
 """Held-out error over that before up to which a detail is taken."""
 _ABOVE = 1.3
 """Residual over the floor at the highest frequencies from which it may be no noise."""
-_FORM = 2.0
-"""Misfit beyond the noise over the best effect's own up to which a rival may be meant."""
-_ALIKE_RMS = 1.2
-"""The same for the whole error: slow noise makes the misfit look larger than it is."""
-_EXACT = 0.08
-"""Misfit over the noise (squares) up to which a form counts as exact."""
 _ALIKE = 0.9
 """Cosine at the foot from which two effects are the same physics in two shapes."""
 _SHAPING = 0.5
@@ -70,7 +66,6 @@ class Ladder:
         steps: accepted effects in order.
         suspects: scores of all candidates at the foot.
         unscored: candidates that could not be scored, and why.
-        last_suspects: scores at the top.
         refined: what was needed in more detail and is no new effect: parameters that were freed
             (an exponent, a second pole), mechanics that joined, effects in another form.
         dropped: effects that a later step made unnecessary.
@@ -81,7 +76,6 @@ class Ladder:
     steps: tuple[Step, ...]
     suspects: tuple[Suspect, ...]
     unscored: tuple[Unscored, ...]
-    last_suspects: tuple[Suspect, ...]
     refined: tuple[str, ...]
     dropped: tuple[str, ...]
 
@@ -125,7 +119,7 @@ def climb(
             tell(f"refined {', '.join(taken.trial.refines)}")
         else:
             # Rivals pay for the base model's details, so the taken one is compared with them too.
-            group = _group(taken, rungs, now)
+            group = group_of(taken, rungs, now)
             taken = lean(fit, taken)
             after = _elsewhere(taken.fit, held)
             refined += _of_base(fit, taken.fit)
@@ -137,26 +131,40 @@ def climb(
             else:
                 tell(f"{steps[same].name} shaped further by {suspect.name}")
                 steps = shaped_further(steps, same, taken, after)
+        joined = any(e.structural and n not in fit.model for n, e in taken.fit.model)
         fit, error = taken.fit, after
+        spare: list[str] = []
         if steps:
             fit, steps, spare = prune(fit, steps, held, threads)
             if spare:
                 tell(f"dropped {', '.join(spare)}")
                 dropped += spare
                 error = _elsewhere(fit, held)
+        if _nothing_to_win(fit):
+            break
+        last = bool(spare) or joined
+        fit, steps, gone = exchange(baseline, fit, steps, held, candidates, threads, last=last)
+        if gone:
+            tell(f"exchanged {', '.join(f'{old} for {new}' for old, new in gone)}")
+            refined += [old for old, new in gone if old == new]
+            error = _elsewhere(fit, held)
+            if _nothing_to_win(fit):
+                break
         now, _ = scored(fit, candidates, threads)
-        if (1.0 - _DETAIL) * fit.rms < noise_floor(fit).rms:
-            break  # not even a detail could win what it is worth
     return Ladder(
         baseline,
         fit,
-        tuple(steps),
+        tuple(replace(step, fit=with_statistics(step.fit)) for step in steps),
         by_name(suspects),
         unscored,
-        by_name(now),
         tuple(refined),
         tuple(dropped),
     )
+
+
+def _nothing_to_win(fit: Fit) -> bool:
+    """Whether not even a detail could win what it is worth."""
+    return (1.0 - _DETAIL) * fit.rms < noise_floor(fit).rms
 
 
 def _refits(
@@ -260,11 +268,15 @@ def _order(
     with ThreadPoolExecutor(max_workers=threads) as pool:
         errors = list(pool.map(lambda r: _elsewhere(r.fit, held), close))
 
+    # A record that nobody comes near shows above all something else: it decides nothing yet.
+    reached = [(rms(e) or 0.0) / r.fit.rms for r, e in zip(close, errors, strict=True)]
+    foreign = min(reached) > FOREIGN
+
     def both(pair: tuple[Rung, FloatArray | None]) -> float:
-        return pair[0].fit.rms * (rms(pair[1]) or 0.0)
+        return pair[0].fit.rms * (1.0 if foreign else rms(pair[1]) or 0.0)
 
     pairs = sorted(zip(close, errors, strict=True), key=both)
-    enough = _ENOUGH**2 * both(pairs[0])
+    enough = (_ENOUGH if foreign else _ENOUGH**2) * both(pairs[0])
     strongest = max((r.delta_bic for r in close if r.suspect is not None), default=-np.inf)
 
     def later(pair: tuple[Rung, FloatArray | None]) -> bool:
@@ -294,30 +306,3 @@ def _sibling(suspect: Suspect, steps: Sequence[Step], foot: Sequence[Suspect]) -
                 if abs(float(a.direction @ b.direction)) > _ALIKE:
                     return index
     return None
-
-
-def _group(taken: Rung, rungs: Sequence[Rung], suspects: Sequence[Suspect]) -> tuple[str, ...]:
-    """Effects that the record cannot tell from the taken one, itself first.
-
-    Refitted rivals within strong evidence of the best, and directions nearly parallel to it. Where
-    the best itself leaves more than noise, its form is not the true one, and a rival that misses by
-    less than twice as much may be meant as well.
-    """
-    assert taken.suspect is not None
-    names = [taken.suspect.name]
-    noise = noise_floor(taken.fit).rms ** 2
-    missed = max(0.0, taken.fit.rms**2 - noise)
-    meant = min(noise + _FORM**2 * missed, (_ALIKE_RMS * taken.fit.rms) ** 2)
-    for rung in rungs:
-        if rung.suspect is None:
-            continue
-        even = taken.delta_bic - rung.delta_bic < STRONG
-        if even or (missed > _EXACT * noise and rung.fit.rms**2 < meant):
-            names.append(rung.suspect.name)
-    refitted = {r.suspect.name for r in rungs if r.suspect is not None}
-    for suspect in suspects:
-        if suspect.name not in refitted and not suspect.wrong_side:
-            cosine = abs(float(suspect.direction @ taken.suspect.direction))
-            if cosine > 0.995:
-                names.append(suspect.name)
-    return tuple(dict.fromkeys(names))

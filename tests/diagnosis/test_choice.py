@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_opt.diagnosis import ladder
+from piezo_opt.diagnosis import grouping, ladder
+from piezo_opt.diagnosis.grouping import group_of
 from piezo_opt.diagnosis.held_out import HeldOut, rms
 from piezo_opt.diagnosis.rung import Rung, Trial
 from piezo_opt.errors import InputError
@@ -105,6 +106,15 @@ def test_what_is_out_of_sight_is_not_asked(judged: list[float]) -> None:
     assert sorted(judged) == [1.0, 1.95]
 
 
+def test_a_record_that_nobody_comes_near_does_not_decide(judged: list[float]) -> None:
+    """Up to three times the fitted error it is of the same thing."""
+    del judged
+    closest, reaching = effect("closest", 1.0, 3.2), effect("reaching", 1.2, 2.4)
+    assert asked([closest, reaching]) == ["reaching", "closest"]
+    closest, reaching = effect("closest", 1.0, 32.0), effect("reaching", 1.2, 24.0)
+    assert asked([closest, reaching]) == ["closest", "reaching"]
+
+
 def test_with_nothing_held_out_the_order_is_that_of_bic(judged: list[float]) -> None:
     rungs = [effect("first", 1.1), effect("closest", 1.0), effect("third", 3.0)]
     assert asked(rungs, UNJUDGED) == ["first", "closest", "third"]
@@ -120,14 +130,14 @@ def test_what_cannot_be_simulated_elsewhere_is_asked_last(
 ) -> None:
     """Whether it raises or predicts what is no number."""
 
-    def lost(_: object) -> Any:
+    def lost(_: object, **_way: bool) -> Any:
         if raised is not None:
             raise raised
         return np.full(3, np.nan)
 
     record: Any = SimpleNamespace(position=np.ones(3), counted=np.ones(3, dtype=bool))
     sound, broken = effect("sound", 1.9), effect("broken", 1.0)
-    monkeypatch.setattr(sound.fit, "predict", lambda _: np.zeros(3), raising=False)
+    monkeypatch.setattr(sound.fit, "predict", lambda _, **_way: np.zeros(3), raising=False)
     monkeypatch.setattr(broken.fit, "predict", lost, raising=False)
     held = replace(JUDGED, record=record)
     (first, error), (last, none) = ladder._order([broken, sound], held, 1)
@@ -138,7 +148,8 @@ def test_what_cannot_be_simulated_elsewhere_is_asked_last(
 @pytest.fixture
 def unit_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of every fit the noise is 1."""
-    monkeypatch.setattr(ladder, "noise_floor", lambda _: SimpleNamespace(rms=1.0))
+    for room in (ladder, grouping):
+        monkeypatch.setattr(room, "noise_floor", lambda _: SimpleNamespace(rms=1.0))
 
 
 def square(name: str, mean_square: float, gain: float) -> Rung:
@@ -151,7 +162,7 @@ def test_rivals_within_strong_evidence_are_in_the_group() -> None:
     even, behind = square("even", 5.0, 90.1), square("behind", 1.06, 89.9)
     better = square("better", 1.05, 200.0)
     rungs = [taken, even, behind, better, detail("bouc_wen.n", 1.0)]
-    assert ladder._group(taken, rungs, ()) == ("taken", "even", "better")
+    assert group_of(taken, rungs, ()) == ("taken", "even", "better")
 
 
 @pytest.mark.usefixtures("unit_noise")
@@ -174,7 +185,7 @@ def test_where_the_best_is_not_exact_another_form_may_be_meant(
     taken: float, rival: float, meant: bool
 ) -> None:
     rungs = [square("taken", taken, 200.0), square("rival", rival, 100.0)]
-    assert ladder._group(rungs[0], rungs, ()) == (("taken", "rival") if meant else ("taken",))
+    assert group_of(rungs[0], rungs, ()) == (("taken", "rival") if meant else ("taken",))
 
 
 @pytest.mark.usefixtures("unit_noise")
@@ -187,7 +198,7 @@ def test_who_was_not_refitted_is_in_the_group_by_direction() -> None:
         suspect("opposite", 270.0), suspect("beside", 96.0),
         suspect("forbidden", 90.0, wrong_side=True),
     ]  # fmt: skip
-    found = ladder._group(taken, [taken, beaten], everybody)
+    found = group_of(taken, [taken, beaten], everybody)
     assert found == ("taken", "parallel", "opposite")
 
 
@@ -210,6 +221,7 @@ def test_a_name_asks_for_six_percent_of_the_error_and_a_detail_for_two(
     monkeypatch.setattr(ladder, "race", lambda *_: [offered])
     monkeypatch.setattr(ladder, "settled", lambda _: True)
     monkeypatch.setattr(ladder, "contest", lambda _, rungs, *__: rungs)
+    monkeypatch.setattr(ladder, "with_statistics", lambda found: found)
     foot = fit(1.0)
     climbed = ladder.climb(foot, UNJUDGED, (), threads=1)
     assert [step.name for step in climbed.steps] == names

@@ -1,0 +1,131 @@
+"""Earlier steps against their rivals, once the later ones are there.
+
+What is found first is found while everything else is still missing, and the record may not tell it
+from others then. Beside the later steps it may: each earlier step is taken out, and whoever would
+take its place now is fitted there.
+
+Source: exchange steps in subset selection, Miller (2002), Subset Selection in Regression, 2nd ed.,
+sec. 3.9.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+from piezo_opt.diagnosis.grouping import group_of
+from piezo_opt.diagnosis.held_out import HeldOut, error_on, rms
+from piezo_opt.diagnosis.refinements import plausible
+from piezo_opt.diagnosis.rung import STRONG, Rung, adding, bic_gain, judged, race, solved
+from piezo_opt.diagnosis.shortlist import scored, shortlist
+from piezo_opt.diagnosis.steps import Step
+from piezo_opt.effects.base import Effect
+from piezo_opt.errors import PiezoOptError
+from piezo_opt.identification import Fit
+
+_LIKELY = 1e-3
+"""Corrected p-value below which a rival is fitted."""
+
+
+def exchange(
+    foot: Fit,
+    fit: Fit,
+    steps: Sequence[Step],
+    held: HeldOut,
+    candidates: Sequence[Effect],
+    threads: int,
+    *,
+    last: bool = False,
+) -> tuple[Fit, list[Step], list[tuple[str, str]]]:
+    """The ladder with each earlier step in the form of the rival that does better in its place.
+
+    Args:
+        foot: the fit at the foot of the ladder.
+        fit: the fit with all the steps.
+        steps: accepted effects.
+        held: what decides beside BIC: the error on the held-out record must not rise.
+        candidates: effects that may be added.
+        threads: refits that run at a time.
+        last: whether the last step was judged beside another step or another base model than
+            there are now; else it stays, unless one of the others gives way.
+
+    Returns:
+        the fit, the steps, and pairs of names: what gave way to what. Twice the same name is the
+        same effect in another form.
+    """
+    now = list(steps)
+    gone: list[tuple[str, str]] = []
+    for place, step in enumerate(steps):
+        if place == len(steps) - 1 and not (last or gone):
+            continue
+        taken, group = _rival(fit, step, held, candidates, threads)
+        if taken is not None and taken.suspect is not None:
+            fit = taken.fit
+            gone.append((step.name, taken.suspect.name))
+            now[place] = replace(
+                step, name=taken.suspect.name, effect=taken.suspect.effect, group=group,
+                p_value=taken.suspect.p_value,
+            )  # fmt: skip
+            now = _retold(foot, fit, now, place, held)
+    return fit, now, gone
+
+
+def _rival(
+    fit: Fit, step: Step, held: HeldOut, candidates: Sequence[Effect], threads: int
+) -> tuple[Rung | None, tuple[str, ...]]:
+    """Who does better than a step where it stands, and whom the record cannot tell from it.
+
+    The step itself may do better from there, in a form that it did not have; it has precedence
+    over names that are not strongly better.
+    """
+    if step.name not in fit.model:
+        return None, ()
+    question = fit.question.with_model(fit.model.without(step.name))
+    try:
+        poorer = solved(question, fit.values)
+    except (PiezoOptError, ArithmeticError, ValueError):
+        return None, ()
+    suspects, _ = scored(poorer, candidates, threads)
+    likely = [s for s in suspects if s.p_value < _LIKELY]
+    if not likely:
+        return None, ()
+    short = shortlist(likely, suspects)
+    own = [s for s in suspects if s.name == step.name and s not in short]
+    rungs = race(poorer, [adding(s) for s in (*short, *own)], threads)
+    ranked = judged(poorer, [r for r in rungs if plausible(r)])
+    even = [r for r in ranked if ranked[0].delta_bic - r.delta_bic < STRONG]
+    if not even:
+        return None, ()
+    best = next((r for r in even if r.suspect and r.suspect.name == step.name), even[0])
+    if bic_gain(fit, best.fit) < STRONG:
+        return None, ()
+    before, after = rms(error_on(fit, held.record)), rms(error_on(best.fit, held.record))
+    if before is not None and after is not None and not after <= before:
+        return None, ()
+    return best, group_of(best, ranked, suspects)
+
+
+def _retold(foot: Fit, fit: Fit, steps: Sequence[Step], place: int, held: HeldOut) -> list[Step]:
+    """The ladder's errors anew from the step that changed to the top, which ends at this fit."""
+    told = list(steps)
+    before = told[place - 1].fit if place else foot
+    for at in range(place, len(told)):
+        now = fit
+        if at < len(told) - 1:
+            model = fit.model
+            for later in told[at + 1 :]:
+                model = model.without(later.name) if later.name in model else model
+            with suppress(PiezoOptError, ArithmeticError, ValueError):
+                now = solved(fit.question.with_model(model), fit.values)
+        told[at] = replace(
+            told[at],
+            fit=now,
+            rms_before=before.rms,
+            rms_after=now.rms,
+            held_out_before=rms(error_on(before, held.record)),
+            held_out_after=rms(error_on(now, held.record)),
+            delta_bic=bic_gain(before, now),
+        )
+        before = now
+    return told

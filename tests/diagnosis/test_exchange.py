@@ -1,0 +1,142 @@
+"""What was found first gives way to who does better beside what was found later."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import piezo_opt as po
+from piezo_opt.diagnosis import exchange as module
+from piezo_opt.diagnosis.exchange import exchange
+from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
+from piezo_opt.diagnosis.rung import STRONG, bic_gain
+from piezo_opt.diagnosis.steps import Step
+from piezo_opt.effects import (
+    AmplifierLag,
+    Creep,
+    Effect,
+    NonlinearGain,
+    RateDependence,
+    SensorCurvature,
+)
+from tests.diagnosis.plants import MOVING, TRUTH, clock, measured, rich, triangle
+
+FORGETS = RateDependence(), {"r": 4.0}
+BENT = SensorCurvature(), {"a": -6e3}
+OFFERED: list[Effect] = [
+    RateDependence(), Creep(elements=1), AmplifierLag(), NonlinearGain(), SensorCurvature(),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def records() -> tuple[po.Measurement, po.Measurement]:
+    time = clock(3000)
+    train = measured(MOVING, time, rich(time), FORGETS, BENT, noise=1e-8)
+    test = measured(MOVING, time, triangle(time, 0.9), FORGETS, BENT, noise=1e-8, seed=1)
+    return train, test
+
+
+def climbed(
+    record: po.Measurement, test: po.Measurement, *effects: Effect
+) -> tuple[po.Fit, po.Fit, list[Step], HeldOut]:
+    """Fits without and with these effects, and the steps from one to the other."""
+    model, steps = MOVING, []
+    foot = fit = po.solve(po.Identification(model, record), start=TRUTH)
+    for effect in effects:
+        model = model + effect
+        richer = po.solve(po.Identification(model, record), start={**fit.values})
+        after = rms(error_on(richer, test))
+        steps.append(
+            Step(effect.name, effect, (effect.name, "other"), fit.rms, richer.rms,
+                 rms(error_on(fit, test)), after, 100.0, 1e-9, richer)
+        )  # fmt: skip
+        fit = richer
+    return foot, fit, steps, hold_out(po.Identification(MOVING, record), test)
+
+
+def test_an_earlier_step_gives_way_beside_a_later_one(
+    records: tuple[po.Measurement, po.Measurement],
+) -> None:
+    foot, fit, steps, held = climbed(*records, Creep(elements=1), SensorCurvature())
+    better, now, gone = exchange(foot, fit, steps, held, OFFERED, threads=2)
+    assert gone == [("creep", "rate_dependence")]
+    assert [step.name for step in now] == ["rate_dependence", "sensor_curvature"]
+    assert better.model.names[-2:] == ("sensor_curvature", "rate_dependence")
+    assert bic_gain(fit, better) > STRONG
+    assert better.rms == pytest.approx(1e-8, rel=0.03)
+    assert now[0].group[0] == "rate_dependence"
+    assert "other" not in now[0].group
+    # What the ladder says at its top is the new fit.
+    assert now[-1].fit is better
+    assert now[-1].rms_after == better.rms
+    assert now[-1].held_out_after == rms(error_on(better, records[1]))
+    # And every rung below it is told with the effect that it has now.
+    assert now[0].rms_before == foot.rms
+    assert now[1].rms_before == now[0].rms_after == now[0].fit.rms
+    assert now[0].fit.model.names[-1] == "rate_dependence"
+    assert "sensor_curvature" not in now[0].fit.model
+    assert now[0].rms_after < 0.9 * foot.rms
+    assert now[1].delta_bic == bic_gain(now[0].fit, better)
+
+
+def test_what_is_right_stays(records: tuple[po.Measurement, po.Measurement]) -> None:
+    foot, fit, steps, held = climbed(*records, RateDependence(), SensorCurvature())
+    same, now, gone = exchange(foot, fit, steps, held, OFFERED, threads=2, last=True)
+    assert (gone, now) == ([], steps)
+    assert same is fit
+
+
+@pytest.mark.parametrize(
+    ("last", "gives_way", "expected"),
+    [
+        (False, "", ["first", "second"]),
+        (True, "", ["first", "second", "third"]),
+        (False, "second", ["first", "second", "third"]),
+    ],
+)
+def test_the_last_step_is_asked_only_where_it_was_judged_beside_something_else(
+    last: bool, gives_way: str, expected: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def rival(_: object, step: Any, *__: object) -> Any:
+        asked.append(step.name)
+        if step.name != gives_way:
+            return None, ()
+        other = SimpleNamespace(name="other", effect=None, p_value=0.0)
+        return SimpleNamespace(fit=None, suspect=other), ()
+
+    monkeypatch.setattr(module, "_rival", rival)
+    monkeypatch.setattr(module, "error_on", lambda *_: None)
+    monkeypatch.setattr(module, "_retold", lambda _, __, steps, *___: steps)
+    monkeypatch.setattr(module, "replace", lambda step, **_: step)
+    steps: Any = [SimpleNamespace(name=name) for name in ("first", "second", "third")]
+    nothing: Any = SimpleNamespace(record=None)
+    _, _, gone = exchange(nothing, nothing, steps, nothing, (), threads=1, last=last)
+    assert (asked, gone) == (expected, [(gives_way, "other")] if gives_way else [])
+
+
+def test_the_held_out_record_has_a_veto(
+    records: tuple[po.Measurement, po.Measurement],
+) -> None:
+    """A rival that predicts worse does not take a place, however well it fits."""
+    train, _ = records
+    time = clock(3000)
+    noisy = measured(MOVING, time, triangle(time, 0.9), BENT, noise=1e-8, seed=1)
+    foot, fit, steps, held = climbed(train, noisy, Creep(elements=1), SensorCurvature())
+    creeping = rms(error_on(fit, noisy))
+    assert creeping is not None
+    _, now, gone = exchange(foot, fit, steps, held, OFFERED, threads=2)
+    without = replace(held, record=None)
+    _, blind, given = exchange(foot, fit, steps, without, OFFERED, threads=2)
+    assert given == [("creep", "rate_dependence")]
+    forgetful = rms(error_on(blind[-1].fit, noisy))
+    assert forgetful is not None
+    assert (gone == []) == (forgetful > creeping)
+    assert np.isfinite(forgetful)
+    assert now[-1].held_out_after is not None
+    assert now[-1].held_out_after <= creeping * (1 + 1e-9)
