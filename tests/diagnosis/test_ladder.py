@@ -86,6 +86,8 @@ def test_each_rung_is_the_next_ones_start(two: tuple[Ladder, HeldOut]) -> None:
     assert second.held_out_after == pytest.approx(NOISE, rel=0.1)
     assert first.delta_bic > 10.0
     assert second.delta_bic > 10.0
+    for step in (first, second):
+        assert 0.0 < step.fit.std[f"{step.name}.{step.effect.gate}"] < 0.1
 
 
 def test_bic_by_hand(two: tuple[Ladder, HeldOut]) -> None:
