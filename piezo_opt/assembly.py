@@ -122,6 +122,7 @@ class _Assembler:
         self.loop_state = self._flagged("loop")
         self.position_state = self._flagged("position")
         self.velocity_state = self._flagged("velocity")
+        self.velocity = ca.SX.sym("velocity")
 
     def _flagged(self, role: str) -> str | None:
         for name, effect in self.model:
@@ -131,10 +132,12 @@ class _Assembler:
         return None
 
     def _chain(self, incoming: Signal) -> Chain:
-        if self.position_state is None or self.velocity_state is None:
+        if self.position_state is None:
             position = self.free
         else:
-            position = Signal(self.x[self.position_state], self.x[self.velocity_state])
+            velocity = self.velocity_state
+            rate = self.velocity if velocity is None else self.x[velocity]
+            position = Signal(self.x[self.position_state], rate)
         loop = self.loop_state
         return Chain(
             time=self.time,
@@ -239,6 +242,9 @@ class _Assembler:
             "rate of the free displacement": (self.free.rate, total_rate(free)),
             "acceleration": (self.acceleration, resolve_values(motion / self.inertia)),
         }
+        if self.position_state is not None and self.velocity_state is None:
+            self.starts[self.position_state] = self._balanced(motion, self.position_state)
+            rates["velocity"] = (self.velocity, resolve_values(self._massless(total_rate(motion))))
         for symbol, value in self.incoming_rates:
             rates[symbol.name()] = (symbol, total_rate(value))
         for name, symbol in self.dx.items():
@@ -309,6 +315,38 @@ class _Assembler:
 
         return rate
 
+    def _balanced(self, motion: Expression, position: str) -> Expression:
+        """Where a balance without inertia is zero, by Newton's method from the effect's own start.
+
+        Forces are small beside the spring: three steps reach rounding.
+        """
+        symbol, at = self.x[position], ca.SX(self.starts[position])
+        step = motion / ca.jacobian(ca.SX(motion), symbol)
+        for _ in range(3):
+            at = at - ca.substitute(step, symbol, at)
+        return at
+
+    def _massless(self, drift: Expression) -> Expression:
+        """The velocity at which a balance without inertia stays at zero.
+
+        The balance's derivative is a line in the velocity on either side of zero, where forces
+        depend on the way and not on how fast it is gone; a spring makes it fall. Where it is bent
+        (static friction) two steps of Newton's method follow.
+
+        Args:
+            drift: derivative of the balance by time, in terms of the states' rates.
+        """
+        moves = [self.moves.get(n, ca.SX.zeros(s.numel(), 1)) for n, s in self.dx.items()]
+        rate = ca.substitute([ca.SX(drift)], [*self.dx.values()], [*map(ca.SX, moves)])[0]
+        slope = ca.jacobian(rate, self.velocity)
+        still = ca.substitute(rate, self.velocity, ca.SX(0.0))
+        at = -still / ca.substitute(slope, self.velocity, ca.sign(still))
+        bent = not ca.jacobian(slope, self.velocity).is_zero()
+        for _ in range(2 if bent else 0):
+            miss, steep = ca.substitute([rate, slope], [self.velocity], [at])
+            at = at - miss / steep
+        return at
+
     def _start(
         self, resolve: Callable[[Expression], Expression], x: ca.SX, c: ca.SX, p: ca.SX
     ) -> ca.Function:
@@ -324,7 +362,13 @@ class _Assembler:
         at_rest = _in_order(definitions)(x)
         signals = (self.command, self.drive, self.free, *self.channels.values())
         rates = (symbol for symbol, _ in self.incoming_rates)
-        still = [*(s.rate for s in signals), *rates, *self.dx.values(), self.acceleration]
+        still = [
+            *(s.rate for s in signals),
+            *rates,
+            *self.dx.values(),
+            self.acceleration,
+            self.velocity,
+        ]
         at_rest = ca.substitute([at_rest], still, [ca.SX.zeros(s.shape) for s in still])[0]
         return ca.Function("po_start", [self.time, self.command.value, c, p, deviation], [at_rest])
 

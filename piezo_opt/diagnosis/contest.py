@@ -63,13 +63,19 @@ def contest(
     if not named:
         return first
     best = named[0].fit
-    if _explained(min(rungs, key=lambda r: r.fit.rms).fit):
+    closest = min(rungs, key=lambda r: r.fit.rms).fit
+    if _explained(closest):
         # A law with more freedom gets there first; in its details another one may be exact.
         level = [r for r in named if r.fit.rms < _LEVEL * best.rms][:_MOST]
-        if len(level) < 2:
+        # Forces bring mechanics with them; whoever stands without has the same right to them.
+        still = [r for r in named if r.fit.model.quasi_static and r.fit.rms < _NEAR * best.rms]
+        equipped = [] if closest.model.quasi_static else still[:_MOST]
+        if len(level) < 2 and not equipped:
             return first
         with ThreadPoolExecutor(max_workers=threads) as pool:
-            return judged(fit, [*rungs, *pool.map(lambda r: _detailed(fit, r), level)])
+            founded = pool.map(lambda r: _founded(fit, r), equipped)
+            trying = [*level, *founded]
+            return judged(fit, [*rungs, *pool.map(lambda r: _detailed(fit, r), trying)])
     near = _CLOSE if settled(best) else _NEAR
     contenders = [r for r in named if r.fit.rms < near * best.rms][:_MOST]
     if any(not effect.structural for _, effect in fit.model):
@@ -107,20 +113,20 @@ def _best_of_each(rungs: Sequence[Rung]) -> list[Rung]:
 def _chance(fit: Fit, rung: Rung, given: Identification) -> Rung:
     """The best fit that a contender can be brought to, from where it is and from a fresh start."""
     assert rung.suspect is not None
-    best = _founded(fit, rung, given)
+    best = _founded(fit, rung)
     for trial in _fresh(fit, rung.suspect, given):
         fresh = _fitted(fit, trial, rung.suspect)
         if fresh is not None and fresh.fit.rms < _WORTH * best.fit.rms:
-            fresh = _founded(fit, fresh, given)
+            fresh = _founded(fit, fresh)
             if bic_gain(best.fit, fresh.fit) > 0:
                 best = fresh
     return _shaped(fit, best, rung.suspect)
 
 
-def _founded(fit: Fit, best: Rung, given: Identification) -> Rung:
+def _founded(fit: Fit, best: Rung) -> Rung:
     """A contender with the base model in the detail that it then pays for."""
     assert best.suspect is not None
-    for trial in base_refinements(best.fit, given):
+    for trial in base_refinements(best.fit):
         best = _better(fit, best, trial, best.suspect)
     return best
 
@@ -181,8 +187,8 @@ def _fresh(fit: Fit, suspect: Suspect, given: Identification) -> list[Trial]:
 def beside(fit: Fit, given: Identification, suspect: Suspect) -> list[Trial]:
     """The question at the foot with what was added since, and a suspect; nothing is known yet.
 
-    A force needs mechanics. Where the fit has none they join it; or the force acts under those,
-    too fast to be seen, under which it was scored.
+    A force needs mechanics. Where the fit has none they join it; or the force acts on a spring
+    without mass, on which it was scored.
     """
     question = forgetful(fit, given)
     if not (fit.model.quasi_static and suspect.effect.place is Place.MOTION):

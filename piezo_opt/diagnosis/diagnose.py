@@ -173,6 +173,7 @@ class Diagnosis:
                     "held_out": r.held_out,
                     "delta_bic": r.delta_bic,
                     "better": r.better,
+                    "without": list(r.without),
                 }
                 for r in self.rivals
             ],
@@ -283,7 +284,7 @@ def diagnose(
     wanted = verdict == "unexplained" if rivals is None else rivals
     if wanted and fit.model.loop is not None:
         tell("trying other hysteresis laws")
-        others = refitted(climbed.final, held, _laws(withhold), threads)
+        others = refitted(climbed.final, climbed.baseline, held, _laws(withhold), threads)
     planned: tuple[Advice, ...] = ()
     invisible: tuple[str, ...] = ()
     if advise is not False:

@@ -17,7 +17,7 @@ from piezo_opt.diagnosis.held_out import FOREIGN, HeldOut, agrees, error_on, rms
 from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.prune import prune
 from piezo_opt.diagnosis.refinements import lean, plausible, refinements, with_base_details
-from piezo_opt.diagnosis.rung import STRONG, Rung, adding, race
+from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, adding, race
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name
 from piezo_opt.diagnosis.shortlist import entrants, further, scored, shortlist
 from piezo_opt.diagnosis.steps import Step, shaped_further, step_to
@@ -33,11 +33,8 @@ SIGNIFICANT = 1e-3
 SHORT = 0.05
 """The same where nothing is held out: long-run variances of a few dozen samples say little, and
 strong evidence after the refit asks for more than this by itself."""
-_WORTH = 0.06
-"""Share by which the error must fall for an effect to be worth a name: less than a third of what
-is left is not."""
 _DETAIL = 0.02
-"""The same for more detail of what the model has."""
+"""Share by which the error must fall for more detail of what the model has."""
 _TOLERATED = 1.1
 """Held-out error over that before up to which a detail is taken."""
 _ABOVE = 1.3
@@ -50,6 +47,8 @@ _IN_SIGHT = 2.0
 """Error over the best rung's beyond which a rung is not asked for its held-out error."""
 _ENOUGH = 1.03
 """Error over the best rung's up to which no other effect is asked for."""
+_AS_WELL = 1.01
+"""Held-out error over the best rung's up to which another one predicts as well."""
 _LOST = 2.0
 """Error of the closest refit over the floor beyond which every effect is tried afresh."""
 _MOST_ROUNDS = 7
@@ -103,6 +102,7 @@ def climb(
     steps: list[Step] = []
     refined: list[str] = []
     dropped: list[str] = []
+    touched = False
     error = error_on(fit, held.record)
     bar = SIGNIFICANT if held.record is not None else SHORT
     for _ in range(_MOST_ROUNDS):
@@ -114,6 +114,7 @@ def climb(
             break
         taken, after = chosen
         suspect = taken.suspect
+        touched = suspect is None
         if suspect is None:
             refined += taken.trial.refines
             tell(f"refined {', '.join(taken.trial.refines)}")
@@ -134,7 +135,7 @@ def climb(
         joined = any(e.structural and n not in fit.model for n, e in taken.fit.model)
         fit, error = taken.fit, after
         spare: list[str] = []
-        if steps:
+        if steps and suspect is not None:
             fit, steps, spare = prune(fit, steps, held, threads)
             if spare:
                 tell(f"dropped {', '.join(spare)}")
@@ -145,19 +146,23 @@ def climb(
         last = bool(spare) or joined
         fit, steps, gone = exchange(baseline, fit, steps, held, candidates, threads, last=last)
         if gone:
+            touched = True
             tell(f"exchanged {', '.join(f'{old} for {new}' for old, new in gone)}")
             refined += [old for old, new in gone if old == new]
             error = _elsewhere(fit, held)
             if _nothing_to_win(fit):
                 break
         now, _ = scored(fit, candidates, threads)
+    if steps and touched:
+        fit, steps, spare = prune(fit, steps, held, threads, last=True)
+        dropped += spare
     return Ladder(
         baseline,
         fit,
         tuple(replace(step, fit=with_statistics(step.fit)) for step in steps),
         by_name(suspects),
         unscored,
-        tuple(refined),
+        tuple(name for name in refined if name.split(".")[0] in fit.model),
         tuple(dropped),
     )
 
@@ -190,7 +195,7 @@ def _refits(
     """
     likely = [s for s in suspects if s.p_value < bar]
     short = shortlist(likely, suspects) if likely else []
-    trials = refinements(fit, held.question)
+    trials = refinements(fit)
     rungs: list[Rung] = []
     if short or trials:
         tell(_refitting(short))
@@ -221,7 +226,7 @@ def _chosen(
     """
     for rung, after in ordered:
         detail = rung.suspect is None
-        worth = _DETAIL if detail else _WORTH
+        worth = _DETAIL if detail else WORTH
         level = detail and (rms(after) or 0.0) <= _TOLERATED * (rms(error) or np.inf)
         if rung.fit.rms < (1.0 - worth) * fit.rms and (level or agrees(error, after, lenient)):
             return rung, after
@@ -279,12 +284,21 @@ def _order(
     enough = (_ENOUGH if foreign else _ENOUGH**2) * both(pairs[0])
     strongest = max((r.delta_bic for r in close if r.suspect is not None), default=-np.inf)
 
-    def later(pair: tuple[Rung, FloatArray | None]) -> bool:
+    # Of those that predict as well the one that pays for fewer parameters.
+    as_well = _AS_WELL * (rms(pairs[0][1]) or 0.0)
+    level = [r for r, e in pairs if (rms(e) or 0.0) <= as_well and both((r, e)) <= enough]
+    lean = max((r for r in level if r.suspect is not None), key=_gain, default=None)
+
+    def later(pair: tuple[Rung, FloatArray | None]) -> tuple[bool, bool]:
         rung, _ = pair
         beaten = both(pair) > enough and rung.delta_bic + STRONG < strongest
-        return rung.suspect is not None or beaten
+        return rung.suspect is not None or beaten, rung is not lean
 
     return sorted(pairs, key=later)
+
+
+def _gain(rung: Rung) -> float:
+    return rung.delta_bic
 
 
 def _elsewhere(fit: Fit, held: HeldOut) -> FloatArray | None:

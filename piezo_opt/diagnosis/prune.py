@@ -8,7 +8,8 @@ from dataclasses import replace
 
 from piezo_opt.diagnosis.contest import forgetful
 from piezo_opt.diagnosis.held_out import HeldOut, error_on, rms
-from piezo_opt.diagnosis.rung import STRONG, Trial, bic_gain, race
+from piezo_opt.diagnosis.refinements import plausible, shape_refinements
+from piezo_opt.diagnosis.rung import STRONG, WORTH, Trial, bic_gain, race
 from piezo_opt.diagnosis.steps import Step, renamed, without
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, Identification
@@ -16,43 +17,81 @@ from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.starting import joint_start, starting_values
 from piezo_opt.values import Values
 
+_NEARLY = 10.0
+"""Error without an effect over that with it up to which more detail may make up for it."""
+
 
 def prune(
-    fit: Fit, steps: Sequence[Step], held: HeldOut, threads: int
+    fit: Fit, steps: Sequence[Step], held: HeldOut, threads: int, *, last: bool = False
 ) -> tuple[Fit, list[Step], list[str]]:
-    """Drop what a later step, or mechanics that joined, made unnecessary: BIC does not rise.
+    """Drop what a later step, a detail, or mechanics that joined, made unnecessary.
 
     A first step may have taken the place of the loop while the loop stood in for what was found
     later; so each is tried without also from fresh starts, those included in which the loop and
-    a later step are searched together.
+    a later step are searched together, and with the later steps in more detail.
+
+    Args:
+        fit: the fit with all the steps.
+        steps: accepted effects.
+        held: what decides beside BIC.
+        threads: refits that run at a time.
+        last: whether the model has changed since the last step was judged; else it stays, unless
+            mechanics joined or another step goes.
+
+    Returns:
+        the fit, the steps that are left, and the names of those that are not.
     """
-    kept, dropped = list(steps), []
+    kept = list(steps)
+    dropped: list[str] = []
     joined = any(e.structural and n not in held.question.model for n, e in fit.model)
     for name in [step.name for step in steps]:
         # By name: a step that follows a dropped one is another object with what that one had won.
         step = next(one for one in kept if one.name == name)
         named = {other.name for other in kept}
         shapes = [n for n in step.group[1:] if n in fit.model and n not in named]
-        last = step is kept[-1] and not shapes and not joined
-        if name not in fit.model or last:
-            continue  # the last one was judged with all the others present
-        model = fit.model.without(name)
-        fresh = forgetful(fit, held.question).with_model(model)
-        later = [n for n, effect in model if not effect.structural]
-        trials = [Trial(fit.question.with_model(model), fit.values)]
-        for begin in (starting_values, *(_jointly(n) for n in later)):
-            with suppress(PiezoOptError, ArithmeticError, ValueError):
-                trials.append(Trial(fresh, begin(fresh, Monitor(()))))
-        poorer = [rung.fit for rung in race(fit, trials, threads)]
-        if not poorer:
+        judged = step is kept[-1] and not (shapes or joined or last or dropped)
+        if name not in fit.model or judged:
             continue
-        least = min(poorer, key=lambda f: f.rms)
-        if bic_gain(least, fit) < 0.5 * STRONG:
+        least = _without(fit, name, held, threads)
+        if least is not None and _spare(least, fit, held):
             fit = least
             left = renamed(kept, step, shapes[0], fit) if shapes else without(kept, step)
             dropped.append(name)
             kept = [*left[:-1], *(_topped(top, fit, held) for top in left[-1:])]
     return fit, kept, dropped
+
+
+def _without(fit: Fit, name: str, held: HeldOut, threads: int) -> Fit | None:
+    """The best that the model can do without one effect; None where it can do nothing."""
+    model = fit.model.without(name)
+    fresh = forgetful(fit, held.question).with_model(model)
+    later = [n for n, effect in model if not effect.structural]
+    trials = [Trial(fit.question.with_model(model), fit.values)]
+    for begin in (starting_values, *(_jointly(n) for n in later)):
+        with suppress(PiezoOptError, ArithmeticError, ValueError):
+            trials.append(Trial(fresh, begin(fresh, Monitor(()))))
+    poorer = [rung.fit for rung in race(fit, trials, threads)]
+    if not poorer:
+        return None
+    least = min(poorer, key=_rms)
+    if _NEARLY * fit.rms < least.rms:
+        return least
+    finer = [r.fit for r in race(least, shape_refinements(least), threads) if plausible(r)]
+    return max([least, *finer], key=lambda one: bic_gain(least, one))
+
+
+def _spare(poorer: Fit, fit: Fit, held: HeldOut) -> bool:
+    """Whether a fit does without an effect what is worth having: BIC, and the worth of a name."""
+    if bic_gain(poorer, fit) < 0.5 * STRONG:
+        return True
+    if (1.0 - WORTH) * poorer.rms > fit.rms:
+        return False
+    before, after = rms(error_on(poorer, held.record)), rms(error_on(fit, held.record))
+    return before is None or after is None or after > (1.0 - WORTH) * before
+
+
+def _rms(fit: Fit) -> float:
+    return fit.rms
 
 
 def _topped(step: Step, fit: Fit, held: HeldOut) -> Step:

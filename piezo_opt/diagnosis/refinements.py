@@ -10,30 +10,31 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain, solved
 from piezo_opt.effects.motion.second_order import SecondOrder
+from piezo_opt.effects.motion.spring import Spring
 from piezo_opt.errors import PiezoOptError
-from piezo_opt.identification import Fit, Identification
+from piezo_opt.identification import Fit, with_statistics
 from piezo_opt.identification.default import shown
 from piezo_opt.identification.shapes import detail_start, own
 from piezo_opt.identification.starting import resonance_start
 
-_STIFF = (12.0, 40.0)
-"""Natural frequencies of mechanics too fast to be seen, over the sampling rate."""
+_RISING = 0.35
+"""Damping below which a response rises towards its resonance."""
+_KNOWN = 0.05
+"""Relative standard deviation of a natural frequency that is seen without being shaken."""
+_EXPLAINED = 1.08
+"""Error over the noise floor up to which nothing is left to be won."""
 _ASIDE = 20
 """Iterations without a detail: whoever needs more without it has paid for it."""
-_UNSEEN = 1.02
-"""Error over the quasi-static one's up to which mechanics count as too fast to be seen."""
 
 
-def refinements(fit: Fit, given: Identification) -> list[Trial]:
-    """Richer questions about the effects that a fit's model has.
-
-    Args:
-        fit: the fit.
-        given: the question at the foot of the ladder; what the user fixed there stays fixed.
-    """
-    return [*base_refinements(fit, given), *shape_refinements(fit)]
+def refinements(fit: Fit) -> list[Trial]:
+    """Richer questions about the effects that a fit's model has; what is fixed stays fixed."""
+    return [*base_refinements(fit), *shape_refinements(fit)]
 
 
 def shape_refinements(fit: Fit) -> list[Trial]:
@@ -56,11 +57,11 @@ def _forms(fit: Fit, name: str) -> list[Trial]:
     ]
 
 
-def base_refinements(fit: Fit, given: Identification) -> list[Trial]:
+def base_refinements(fit: Fit) -> list[Trial]:
     """Details of the base model, and its mechanics where they were left out."""
     names = [name for name, effect in fit.model if effect.structural]
     trials = [t for t in (_details(fit, name) for name in names) if t is not None]
-    mechanics = mechanics_trial(fit, given)
+    mechanics = mechanics_trial(fit)
     return trials if mechanics is None else [*trials, mechanics]
 
 
@@ -118,34 +119,40 @@ def plausible(rung: Rung) -> bool:
     A lag in the guise of mechanics is none, nor a phase where the drive shakes nothing; a loop
     whose exponent runs to its bound imitates something else.
     """
-    values, freed, record = rung.fit.values, rung.trial.refines, rung.fit.records[0]
+    freed = rung.trial.refines
     at_bound = rung.suspect is None and set(freed) & set(rung.fit.at_bound)
     return not at_bound and all(
-        shown(record, values[f"{name}.omega"], values[f"{name}.zeta"])
+        _resonates(rung.fit, name)
         for name, effect in rung.fit.model
         if name in freed and isinstance(effect, SecondOrder)
     )
 
 
-def stiffened(fit: Fit) -> Fit | None:
-    """A quasi-static fit with mechanics too fast to be seen, for forces.
+def _resonates(fit: Fit, mechanics: str) -> bool:
+    """Whether a record shows these mechanics: a peak, or the rise towards one that is not reached.
 
-    A force then acts as the displacement F / omega^2. None where the record sees any mechanics
-    that the scheme can follow.
+    Below the resonance the response grows with the frequency, which no lag's does. Where that
+    leaves nothing but noise and says to a twentieth where the peak must be, it need not be shaken.
     """
-    model = fit.model + SecondOrder()
-    name = model.names[-1]
-    step = min(record.step for record in fit.records)
-    question = fit.question.with_model(model)
-    for fast in _STIFF:
-        held = {**question.fixed, f"{name}.omega": fast / step, f"{name}.zeta": 1.0}
-        try:
-            stiff = solved(replace(question, fixed=held), fit.values, 10)
-        except (PiezoOptError, ArithmeticError):
-            continue
-        if stiff.rms <= _UNSEEN * fit.rms:
-            return stiff
-    return None
+    record, omega = fit.records[0], f"{mechanics}.omega"
+    if shown(record, fit.values[omega], fit.values[f"{mechanics}.zeta"]):
+        return True
+    rising = fit.values[f"{mechanics}.zeta"] < _RISING and fit.values[omega] * record.step < np.pi
+    if not rising or fit.rms > _EXPLAINED * noise_floor(fit).rms:
+        return False
+    return bool(with_statistics(fit).std[omega] < _KNOWN * fit.values[omega])
+
+
+def stiffened(fit: Fit) -> Fit | None:
+    """A quasi-static fit behind a spring, which forces act on; None where that cannot be simulated.
+
+    A force f then acts as the displacement f / omega^2, at once.
+    """
+    question = fit.question.with_model(fit.model + Spring())
+    try:
+        return solved(question, fit.values, 10)
+    except (PiezoOptError, ArithmeticError):
+        return None
 
 
 def _details(fit: Fit, name: str) -> Trial | None:
@@ -168,19 +175,15 @@ def _details(fit: Fit, name: str) -> Trial | None:
     return Trial(question, {**fit.values, **moved}, refines=freed or (name,))
 
 
-def mechanics_trial(fit: Fit, given: Identification) -> Trial | None:
-    """Free mechanics for a fit that has none, or that has them too fast to be seen."""
-    unseen = next((n for n, e in fit.model if isinstance(e, SecondOrder)), "")
-    model, fixed = fit.model, dict(fit.question.fixed)
-    if fit.model.quasi_static:
-        model = model + SecondOrder()
-        unseen = model.names[-1]
-    elif f"{unseen}.omega" not in fixed or f"{unseen}.omega" in given.fixed:
+def mechanics_trial(fit: Fit) -> Trial | None:
+    """Free mechanics for a fit that has none."""
+    if not fit.model.quasi_static:
         return None
-    fixed = {k: v for k, v in fixed.items() if not k.startswith(f"{unseen}.")}
-    question = replace(fit.question, fixed=fixed).with_model(model)
+    model = fit.model + SecondOrder()
+    joined = model.names[-1]
+    question = fit.question.with_model(model)
     try:
-        found = resonance_start(question, fit.values, fit.residual(0), unseen)
+        found = resonance_start(question, fit.values, fit.residual(0), joined)
     except (PiezoOptError, ArithmeticError):
         return None
-    return None if found is None else Trial(question, found, refines=(unseen,))
+    return None if found is None else Trial(question, found, refines=(joined,))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import final
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, rms
 from piezo_opt.diagnosis.rung import STRONG, bic_gain
+from piezo_opt.diagnosis.scores import effective_samples
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, LevenbergMarquardt, SingleShooting, solve
@@ -32,6 +34,7 @@ class Rival:
         held_out: error on the held-out record [m], None without one.
         delta_bic: by how much BIC falls (negative: the model's own law is better).
         better: strong evidence for the rival, and the held-out data agree.
+        without: effects that had been added and that the rival does without.
     """
 
     name: str
@@ -39,20 +42,26 @@ class Rival:
     held_out: float | None
     delta_bic: float
     better: bool
+    without: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         against = "fits better than" if self.better else "is no better than"
-        return f"{self.name} {against} the model's own law (rms {show(self.rms, 'm')})."
+        less = f", without {' and '.join(self.without)}" if self.without else ""
+        return f"{self.name} {against} the model's own law{less} (rms {show(self.rms, 'm')})."
 
 
 def rivals(
-    fit: Fit, held: HeldOut, laws: Sequence[type[Effect]], threads: int = 2
+    fit: Fit, foot: Fit, held: HeldOut, laws: Sequence[type[Effect]], threads: int = 2
 ) -> tuple[Rival, ...]:
     """Refit with each law in the place of the model's own, best first.
+
+    Beside what was found, and in its place: a force that was named may be what a loop of the wrong
+    law leaves.
 
     Args:
         fit: a fit of ``held.question`` or a richer one; without a hysteresis law there is nothing
             to replace.
+        foot: the fit before anything was added.
         held: what decides beside BIC.
         laws: hysteresis laws to try; those that the model's other effects cannot work with are
             left out.
@@ -62,24 +71,15 @@ def rivals(
     if own is None:
         return ()
     before = error_on(fit, held.record)
+    bases = [fit] if foot.model == fit.model or foot.model.loop != own else [fit, foot]
 
     def one(law: type[Effect]) -> Rival | None:
+        found = [r for base in bases for r in _refits(base, own, law())]
+        if not found:
+            return None
+        n = effective_samples(min(found, key=lambda r: r.rms).residuals)
+        refitted = max(found, key=lambda r: bic_gain(fit, r, n))
         try:
-            question = fit.question.with_model(fit.model.replaced(own, law()))
-            kept = {k: v for k, v in fit.values.items() if not k.startswith("initial.")}
-            refitted = min(
-                (
-                    solve(
-                        question,
-                        start={**kept, **widths},
-                        solver=LevenbergMarquardt(iterations=60, tolerance=1e-6),
-                        transcription=SingleShooting(refine=False),
-                        statistics=False,
-                    )
-                    for widths in _widths(law(), fit)
-                ),
-                key=lambda f: f.rms,
-            )
             after = error_on(refitted, held.record)
         except (PiezoOptError, ArithmeticError):
             return None
@@ -90,12 +90,32 @@ def rivals(
             rms(after),
             gain,
             gain > STRONG and refitted.rms < 0.98 * fit.rms and agrees(before, after),
+            tuple(n for n, e in fit.model if not e.structural and n not in refitted.model),
         )
 
     others = [law for law in laws if law().name != own]
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        found = [r for r in pool.map(one, others) if r is not None]
-    return tuple(sorted(found, key=lambda r: r.rms))
+        compared = [r for r in pool.map(one, others) if r is not None]
+    return tuple(sorted(compared, key=lambda r: r.rms))
+
+
+def _refits(base: Fit, own: str, law: Effect) -> list[Fit]:
+    """A fit with a law in the place of its own, from starts of several widths."""
+    kept = {k: v for k, v in base.values.items() if not k.startswith("initial.")}
+    found = []
+    for widths in _widths(law, base):
+        with suppress(PiezoOptError, ArithmeticError):
+            question = base.question.with_model(base.model.replaced(own, law))
+            found.append(
+                solve(
+                    question,
+                    start={**kept, **widths},
+                    solver=LevenbergMarquardt(iterations=60, tolerance=1e-6),
+                    transcription=SingleShooting(refine=False),
+                    statistics=False,
+                )
+            )
+    return found
 
 
 def in_words(compared: Sequence[Rival]) -> tuple[str, ...]:

@@ -22,6 +22,9 @@ from piezo_opt.identification import (
 
 STRONG = 10.0
 """Difference of BIC that counts as very strong evidence (Kass & Raftery 1995)."""
+WORTH = 0.06
+"""Share by which the error must fall for an effect to be worth a name: less than a third of what
+is left is not."""
 _FIRST, _LATER = 10, 30
 """Iterations of a refit before and after it is decided which are worth following."""
 _CLOSE = 1e-5

@@ -29,7 +29,7 @@ _SHORTLIST = 6
 def scored(
     fit: Fit, candidates: Sequence[Effect], threads: int
 ) -> tuple[tuple[Suspect, ...], tuple[Unscored, ...]]:
-    """Scores of all absent candidates; forces at a quasi-static fit with unseen mechanics."""
+    """Scores of all absent candidates; forces at a quasi-static fit on a spring without mass."""
     moving = stiffened(fit) if fit.model.quasi_static else None
     return score(
         BasePoint(fit),

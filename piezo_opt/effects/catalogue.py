@@ -27,6 +27,7 @@ from piezo_opt.effects.motion.hysteretic_force import HystereticForce
 from piezo_opt.effects.motion.load import Load
 from piezo_opt.effects.motion.load_mass import LoadMass
 from piezo_opt.effects.motion.second_order import SecondOrder
+from piezo_opt.effects.motion.spring import Spring
 from piezo_opt.effects.output.backlash import Backlash
 from piezo_opt.effects.output.drift import Drift
 from piezo_opt.effects.output.mains_pickup import MainsPickup
@@ -76,6 +77,7 @@ CATALOGUE: Mapping[str, type[Effect]] = MappingProxyType(
             ThermalExpansion,
             # MOTION balance
             SecondOrder,
+            Spring,
             CubicStiffness,
             Friction,
             HystereticForce,

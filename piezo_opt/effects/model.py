@@ -44,6 +44,12 @@ class Model:
                 f"The model has {len(loops)} hysteresis loops ({', '.join(loops)}); keep one: "
                 f"model.without('{loops[-1]}')."
             )
+        moved = [n for n, e in self.named if any(s.position for s in e.declared_states.values())]
+        if len(moved) > 1:
+            raise ModelError(
+                f"The model has {len(moved)} positions ({', '.join(moved)}); keep one mechanics: "
+                f"model.without('{moved[-1]}')."
+            )
 
     def __add__(self, other: Effect | Model) -> Model:
         if isinstance(other, Model):

@@ -302,7 +302,13 @@ def test_structure_has_the_laws_compared_unless_told_not_to() -> None:
     fit = _played(2e-9)
     found = diagnose(fit, advise=False)
     assert found.verdict == "unexplained"
-    assert any(r.better for r in found.rivals)
+    # A friction that was named imitates the loop; the right law does without it.
+    assert [s.name for s in found.steps] == ["friction"]
+    best = found.rivals[0]
+    assert (best.name, best.better, best.without) == ("prandtl_ishlinskii", True, ("friction",))
+    assert best.rms == pytest.approx(2e-9, rel=0.05)
+    assert "fits better than the model's own law, without friction" in str(found)
+    assert found.to_dict()["rivals"][0]["without"] == ["friction"]
     silent = diagnose(fit, advise=False, rivals=False)
     assert (silent.verdict, silent.rivals) == ("unexplained", ())
     assert "hysteresis laws" not in str(silent)

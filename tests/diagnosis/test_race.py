@@ -85,12 +85,39 @@ def test_between_laws_that_leave_but_noise_their_details_decide(
     monkeypatch.setattr(contest, "_shaped", in_detail)
     monkeypatch.setattr(contest, "judged", lambda _, rungs: list(rungs))
 
-    def named(name: str, error: float) -> Rung:
-        return Rung(Trial(None, {}, SimpleNamespace(name=name)), ending(error), 0.0)  # type: ignore[arg-type]
-
     rungs = [named("mount", 1.0), named("friction", 1.05), named("creep", 1.2)]
     assert len(contest.contest(BELOW, rungs, BELOW)) == 5
     assert shaped == ["mount", "friction"]
     shaped.clear()
     assert len(contest.contest(BELOW, [rungs[0], rungs[2]], BELOW)) == 2
     assert not shaped
+
+
+def named(name: str, error: float, *, still: bool = False) -> Rung:
+    fit = ending(error)
+    fit.model = SimpleNamespace(quasi_static=still)
+    return Rung(Trial(None, {}, SimpleNamespace(name=name)), fit, 0.0)  # type: ignore[arg-type]
+
+
+def test_who_stands_without_mechanics_gets_them_where_the_best_has_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A force brings its own; a bent sensor is not to lose for that."""
+    equipped: list[str] = []
+
+    def founded(_: Any, found: Rung) -> Rung:
+        assert found.suspect is not None
+        equipped.append(found.suspect.name)
+        return found
+
+    monkeypatch.setattr(contest, "_explained", lambda _: True)
+    monkeypatch.setattr(contest, "_shaped", lambda _, found, __: found)
+    monkeypatch.setattr(contest, "_founded", founded)
+    monkeypatch.setattr(contest, "judged", lambda _, rungs: list(rungs))
+    force, bent = named("cubic_stiffness", 1.0), named("sensor_curvature", 2.4, still=True)
+    far = named("creep", 2.6, still=True)
+    assert len(contest.contest(BELOW, [force, bent, far], BELOW)) == 5
+    assert equipped == ["sensor_curvature"]
+    equipped.clear()
+    contest.contest(BELOW, [named("drift", 1.0, still=True), bent], BELOW)
+    assert equipped == []

@@ -15,7 +15,7 @@ def _tried(record: po.Measurement) -> dict[str, bool]:
     question = po.Identification(PiezoGain() + BoucWen() + Offset(), record)
     held = hold_out(question, None)
     fit = po.solve(held.question)
-    found = rivals(fit, held, [BoucWen, PrandtlIshlinskii], threads=1)
+    found = rivals(fit, fit, held, [BoucWen, PrandtlIshlinskii], threads=1)
     assert [r.name for r in found] == ["prandtl_ishlinskii"]
     return {r.name: r.better for r in found}
 

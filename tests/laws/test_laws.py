@@ -132,6 +132,8 @@ def around(kind: type[Effect], base: Model = MECHANICS) -> tuple[Model, str]:
         carried = any(s.loop for s in effect.declared_states.values())
         kept = [e for _, e in base if carried or e.place is not Place.LOOP]
         return Model.of(*kept).replaced(law, effect), effect.name
+    if any(s.position for s in effect.declared_states.values()):
+        return base.replaced("second_order", effect), effect.name
     return base + effect, effect.name
 
 

@@ -1,0 +1,86 @@
+"""What the model's later details made unnecessary leaves the ladder, the last step included."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import piezo_opt as po
+from piezo_opt.diagnosis import prune as module
+from piezo_opt.diagnosis.held_out import error_on, hold_out, rms
+from piezo_opt.diagnosis.prune import prune
+from piezo_opt.diagnosis.rung import STRONG, WORTH
+from piezo_opt.diagnosis.steps import Step
+from piezo_opt.effects import Delay, Effect, NonlinearGain, SensorCurvature, SensorLag
+from tests.diagnosis.plants import MOVING, NOISE, TRUTH, clock, measured, rich
+
+LAGS = SensorLag(poles=2), {"share": 1.0, "tau": 1.2e-3, "ratio": 0.5}
+
+
+def step(effect: Effect, before: po.Fit, after: po.Fit) -> Step:
+    return Step(effect.name, effect, (effect.name,), before.rms, after.rms, None, None, 99.0, 1e-9,
+                after)  # fmt: skip
+
+
+def test_a_step_that_a_detail_of_a_later_one_replaces_is_dropped() -> None:
+    """A delay and a lag of one pole are what a lag of two poles does alone."""
+    time = clock(3000)
+    record = measured(MOVING, time, rich(time), LAGS)
+    held = hold_out(po.Identification(MOVING, record), None)
+    train = held.question.campaign.records[0]
+    foot = po.solve(po.Identification(MOVING, train), start=TRUTH)
+    late = po.solve(po.Identification(MOVING + Delay(), train), start=foot.values)
+    both = po.solve(po.Identification(MOVING + Delay() + SensorLag(), train), start=late.values)
+    steps = [step(Delay(), foot, late), step(SensorLag(), late, both)]
+    fit, kept, dropped = prune(both, steps, held, threads=2)
+    assert dropped == ["delay"]
+    assert [s.name for s in kept] == ["sensor_lag"]
+    assert fit.model["sensor_lag"] == SensorLag(poles=2)
+    assert fit.rms == pytest.approx(NOISE, rel=0.05)
+    assert kept[0].fit is fit
+    assert kept[0].held_out_after == rms(error_on(fit, held.record))
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_the_last_step_is_asked_where_the_model_has_changed_since(last: bool) -> None:
+    """A bent calibration beside a bent gain: the second explains nothing that is left."""
+    time = clock(2000)
+    bent = NonlinearGain(), {"k2": 3e-11}
+    record = measured(MOVING, time, rich(time), bent)
+    held = hold_out(po.Identification(MOVING, record), None)
+    train = held.question.campaign.records[0]
+    foot = po.solve(po.Identification(MOVING, train), start=TRUTH)
+    one = po.solve(po.Identification(MOVING + NonlinearGain(), train), start=foot.values)
+    two = po.solve(
+        po.Identification(MOVING + NonlinearGain() + SensorCurvature(), train), start=one.values
+    )
+    steps = [step(NonlinearGain(), foot, one), step(SensorCurvature(), one, two)]
+    # The first is not spared by the second here; what is asked is whether the last one is.
+    _, kept, _ = prune(two, steps[1:], held, threads=2, last=last)
+    assert [s.name for s in kept] == ([] if last else ["sensor_curvature"])
+
+
+@pytest.mark.parametrize(
+    ("gain", "poorer", "elsewhere", "spare"),
+    [
+        # Weak evidence is none; strong evidence for less than a name is worth decides where
+        # the record that is judged on is not better for it either.
+        (0.49 * STRONG, 2.0, 2.0, True),
+        (0.51 * STRONG, 2.0, 2.0, False),
+        (99.0, 1.0 / (1.0 - WORTH) + 1e-3, 1.0, False),
+        (99.0, 1.0 / (1.0 - WORTH) - 1e-3, 1.0, True),
+        (99.0, 1.01, 1.0 / (1.0 - WORTH) + 1e-3, False),
+        (99.0, 1.01, 1.0 / (1.0 - WORTH) - 1e-3, True),
+    ],
+)
+def test_what_a_name_must_be_worth(
+    gain: float, poorer: float, elsewhere: float, spare: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without, fit = SimpleNamespace(rms=poorer, held=elsewhere), SimpleNamespace(rms=1.0, held=1.0)
+    monkeypatch.setattr(module, "bic_gain", lambda *_: gain)
+    monkeypatch.setattr(module, "error_on", lambda of, _: np.full(4, of.held))
+    held: Any = SimpleNamespace(record=None)
+    assert module._spare(without, fit, held) is spare  # type: ignore[arg-type]
