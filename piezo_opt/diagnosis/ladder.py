@@ -146,7 +146,7 @@ def climb(
         last = bool(spare) or joined
         fit, steps, gone = exchange(baseline, fit, steps, held, candidates, threads, last=last)
         if gone:
-            touched = True
+            touched = touched or any(old != new for old, new in gone)
             tell(f"exchanged {', '.join(f'{old} for {new}' for old, new in gone)}")
             refined += [old for old, new in gone if old == new]
             error = _elsewhere(fit, held)
