@@ -200,6 +200,7 @@ def _rivals(diagnosis: Diagnosis) -> list[Block]:
                 ("rms", tuple(show(r.rms, "m") for r in found)),
                 ("held out", tuple(_length(r.held_out) for r in found)),
                 ("BIC falls by", tuple(f"{r.delta_bic:.0f}" for r in found)),
+                ("does without", tuple(", ".join(r.without) for r in found)),
                 ("better", tuple("yes" if r.better else "no" for r in found)),
             ),
         ),

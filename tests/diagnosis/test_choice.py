@@ -99,6 +99,15 @@ def test_what_the_model_has_comes_before_an_effect_that_is_hardly_better() -> No
         assert asked([best, other, detail("far", 1.03, 1.2, gain)])[0] == first
 
 
+@pytest.mark.usefixtures("judged")
+def test_of_two_that_predict_as_well_the_one_with_fewer_parameters_is_first() -> None:
+    rich = effect("rich", 0.999, 1.0, 80.0)
+    for elsewhere, first in ((1.009, "lean"), (1.011, "rich")):
+        lean = effect("lean", 1.0, elsewhere, 100.0)
+        assert asked([rich, lean])[0] == first
+    assert asked([rich, effect("poor", 1.07, 1.0, 100.0)])[0] == "rich"
+
+
 def test_what_is_out_of_sight_is_not_asked(judged: list[float]) -> None:
     """Beyond twice the best error a rung need not predict anything, however well it would."""
     rungs = [effect("best", 1.0, 1.0), effect("seen", 1.95, 1.0), effect("lost", 2.05, 0.1)]
@@ -227,3 +236,27 @@ def test_a_name_asks_for_six_percent_of_the_error_and_a_detail_for_two(
     assert [step.name for step in climbed.steps] == names
     assert climbed.refined == refined
     assert climbed.final is (offered.fit if names or refined else foot)
+
+
+@pytest.mark.usefixtures("unit_noise")
+@pytest.mark.parametrize("refined", [True, False])
+def test_names_are_asked_for_again_at_the_end_where_details_came_after_them(
+    refined: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rounds = iter([[effect("drift", 8.0)], [detail("bouc_wen.n", 4.0)] if refined else []])
+    asked: list[bool] = []
+
+    def pruned(found: Any, steps: Any, *_: object, last: bool = False) -> Any:
+        asked.append(last)
+        return found, list(steps), []
+
+    monkeypatch.setattr(ladder, "scored", lambda *_: ((), ()))
+    monkeypatch.setattr(ladder, "refinements", lambda *_: [detail("any", 1.0).trial])
+    monkeypatch.setattr(ladder, "race", lambda *_: next(rounds, []))
+    monkeypatch.setattr(ladder, "settled", lambda _: True)
+    monkeypatch.setattr(ladder, "contest", lambda _, rungs, *__: rungs)
+    monkeypatch.setattr(ladder, "with_statistics", lambda found: found)
+    monkeypatch.setattr(ladder, "exchange", lambda _, found, steps, *__, **___: (found, steps, []))
+    monkeypatch.setattr(ladder, "prune", pruned)
+    ladder.climb(fit(10.0), UNJUDGED, (), threads=1)
+    assert asked == ([False, True] if refined else [False])

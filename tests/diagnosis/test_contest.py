@@ -36,6 +36,7 @@ from piezo_opt.effects import (
     NonlinearGain,
     SecondOrder,
 )
+from piezo_opt.identification.default import shown
 from piezo_opt.identification.starting import joint_start
 from tests.diagnosis.plants import (
     MOVING,
@@ -106,6 +107,31 @@ def test_mechanics_that_only_lag_and_exponents_at_a_bound_are_not_plausible() ->
     assert plausible(rung)
     omega = TRUTH["second_order.omega"]
     assert rung.fit.values["second_order.omega"] == pytest.approx(omega, rel=0.02)
+
+
+def test_mechanics_may_show_in_the_rise_towards_a_peak_that_is_not_shaken() -> None:
+    """At a third of the resonance the response is an eighth larger, which no lag's is."""
+    time = clock(3000)
+    tones = ((3.0, 12.0), (11.0, 9.0), (20.0, 6.0))
+    drive = 30.0 + sum(a * np.sin(2.0 * np.pi * f * time + f) for f, a in tones)
+    seen = fitted(STILL, measured(MOVING, time, drive))
+    (rung,) = race(seen, [base_refinements(seen)[-1]], 1)
+    omega, zeta = (rung.fit.values[f"second_order.{n}"] for n in ("omega", "zeta"))
+    assert omega == pytest.approx(TRUTH["second_order.omega"], rel=0.05)
+    assert not shown(seen.records[0], omega, zeta)
+    assert plausible(rung)
+    # With something else left over it may be but one more way to bend a loop.
+    creep = Creep(elements=1), {"c": 0.03, "tau": 0.1}
+    bent = fitted(STILL, measured(MOVING, time, drive, creep))
+    (rung,) = race(bent, [base_refinements(bent)[-1]], 1)
+    assert rung.fit.rms > 1.2 * NOISE
+    assert not plausible(rung)
+    # And what damps so much that nothing rises is a lag.
+    heavy = SecondOrder(), {"omega": TRUTH["second_order.omega"], "zeta": 0.5}
+    damped = fitted(STILL, measured(STILL, time, drive, heavy))
+    (rung,) = race(damped, [base_refinements(damped)[-1]], 1)
+    assert rung.fit.rms == pytest.approx(NOISE, rel=0.05)
+    assert not plausible(rung)
 
 
 def test_a_spring_without_mass_leaves_the_fit_alone() -> None:
