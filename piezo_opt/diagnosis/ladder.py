@@ -51,6 +51,9 @@ _AS_WELL = 1.01
 """Held-out error over the best rung's up to which another one predicts as well."""
 _LOST = 2.0
 """Error of the closest refit over the floor beyond which every effect is tried afresh."""
+_DOUBTFUL, _NOISY = 1.3, 1.1
+"""Held-out error of the closest refit over its own beyond which the same is done, where that one
+leaves no more than so many times the floor."""
 _MOST_ROUNDS = 7
 
 
@@ -201,11 +204,13 @@ def _refits(
         tell(_refitting(short))
         rungs = race(fit, [*trials, *(with_base_details(adding(s)) for s in short)], threads)
     closest = min((r.fit for r in rungs), key=lambda f: f.rms, default=fit)
-    if not settled(closest) and _unsettled(fit, first=first):
+    floor = noise_floor(closest).rms
+    doubtful = closest is not fit and closest.rms < _NOISY * floor and _mispredicts(closest, held)
+    if doubtful or (not settled(closest) and _unsettled(fit, first=first)):
         # Scores are taken at a fit that has been bent, and slow residuals leave none of them
         # significant: let refits tell.
         more = further(suspects, short)
-        lost = closest.rms > _LOST * noise_floor(closest).rms
+        lost = doubtful or closest.rms > _LOST * floor
         tell(f"{_refitting(more)}{', and all from a fresh start' if lost else ''}")
         bent = [with_base_details(adding(s)) for s in more]
         fresh = entrants(fit, held.question, suspects) if lost else []
@@ -249,6 +254,12 @@ def _unsettled(fit: Fit, *, first: bool) -> bool:
     """Whether a residual may yet be no noise: it shows structure, or (at first) it is slow."""
     floor = noise_floor(fit)
     return (first and fit.rms > _ABOVE * floor.rms) or structure(fit, floor).left
+
+
+def _mispredicts(fit: Fit, held: HeldOut) -> bool:
+    """Whether a fit explains one record and not the other: it may be bent to do so."""
+    there = rms(_elsewhere(fit, held))
+    return there is not None and there > _DOUBTFUL * fit.rms
 
 
 def _order(

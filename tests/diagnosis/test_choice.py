@@ -260,3 +260,28 @@ def test_names_are_asked_for_again_at_the_end_where_details_came_after_them(
     monkeypatch.setattr(ladder, "prune", pruned)
     ladder.climb(fit(10.0), UNJUDGED, (), threads=1)
     assert asked == ([False, True] if refined else [False])
+
+
+@pytest.mark.usefixtures("unit_noise")
+@pytest.mark.parametrize(
+    ("error", "elsewhere", "asked_again"),
+    [(1.0, 1.29, False), (1.0, 1.31, True), (1.09, 1.5, True), (1.11, 1.5, False)],
+)
+def test_who_explains_one_record_and_not_the_other_has_every_effect_asked(
+    error: float, elsewhere: float, asked_again: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where it leaves but noise on the record that is fitted: else there are other reasons."""
+    asked: list[object] = []
+    near = effect("bent", error, elsewhere)
+    monkeypatch.setattr(ladder, "refinements", lambda _: [near.trial])
+    monkeypatch.setattr(ladder, "race", lambda *_: [near])
+    monkeypatch.setattr(ladder, "settled", lambda _: True)
+    monkeypatch.setattr(ladder, "_elsewhere", lambda of, _: np.full(3, of.elsewhere))
+    monkeypatch.setattr(ladder, "entrants", lambda *given: asked.append(given[2]) or [])
+    monkeypatch.setattr(ladder, "contest", lambda _, rungs, *__: rungs)
+    everybody = (suspect("drift"),)
+    everybody[0].score = 0.0
+    ladder._refits(
+        fit(9.0), JUDGED, everybody, first=True, bar=-1.0, tell=lambda _: None, threads=1
+    )
+    assert asked == ([everybody] if asked_again else [])

@@ -207,7 +207,7 @@ def test_the_other_form_of_an_effect_is_tried_before_another_effect() -> None:
     fit = fitted(STILL, measured(STILL, time, rich(time), creep))
     three = solved(fit.question.with_model(STILL + Creep()), {**fit.values, "creep.c": 0.03})
     forms = [t.question.model["creep"] for t in shape_refinements(three)]
-    assert forms == [Creep(elements=5), Creep(elements=1)]
+    assert forms == [Creep(elements=7, per_decade=2), Creep(elements=1)]
     rungs = race(three, shape_refinements(three), 1)
     best = next(r for r in rungs if r.fit.model["creep"] == Creep(elements=1))
     assert best.fit.rms == pytest.approx(NOISE, rel=0.05)

@@ -720,6 +720,26 @@ def test_drift_is_a_straight_line_unless_it_warms_up() -> None:
     )
 
 
+def test_two_elements_a_decade_creep_logarithmically() -> None:
+    """After a step the strain grows by the same amount in every decade, to two parts in a hundred.
+
+    One element a decade leaves ripples five times as large.
+    """
+    time = np.arange(0.0, 400.0, 0.02)
+    drive = np.where(time > 0.0, 10.0, 0.0)
+
+    def growth(effect: Creep) -> np.ndarray:
+        values = {"creep.c": 0.05, "creep.tau": 1e-1 if effect.per_decade == 1 else 3e-2}
+        reading, _ = respond(PiezoGain() + effect, time, drive, values, 0.02)
+        at = np.geomspace(2.0, 200.0, 41)
+        slope = np.diff(np.interp(at, time, reading)) / np.diff(np.log10(at))
+        return np.asarray(slope / slope.mean())
+
+    dense, plain = growth(Creep(14, per_decade=2)), growth(Creep(7))
+    assert np.ptp(dense) < 0.04
+    assert np.ptp(plain) > 0.2
+
+
 def test_a_wandering_drift_is_a_cubic() -> None:
     time = np.linspace(0.0, 100.0, 51) + 7.0
     t = time - 7.0
@@ -865,9 +885,9 @@ def test_the_same_physics_in_another_effect_and_in_more_detail() -> None:
     assert np.abs(rubbing - respond(base, time, drive, mechanics, 2e-5)[0]).max() > 1e-8
     assert HystereticForce().like("creep", {"c": 0.1, "tau": 1.0}) is None
     finer, start = Creep(3).finer({"c": 0.1, "tau": 1.0})
-    assert finer == Creep(5)
-    assert start == {"tau": pytest.approx(0.1)}
-    assert Creep(5).finer({"c": 0.1, "tau": 1.0}) == (Creep(5), {})
+    assert finer == Creep(7, per_decade=2)
+    assert start == {"tau": pytest.approx(0.316, rel=1e-3)}
+    assert finer.finer({"c": 0.1, "tau": 1.0}) == (finer, {})
     assert Drift().finer({}) == (Drift(), {})
 
 

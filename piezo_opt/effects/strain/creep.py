@@ -10,24 +10,29 @@ from typing import Any, final
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
 from piezo_opt.symbolic import exp, stack
 
+_DENSE = 7
+"""Elements of a chain that covers three decades at two elements a decade."""
+
 
 @final
 @dataclass(frozen=True)
 class Creep(Effect):
     """Slow strain that follows the free displacement through a Kelvin-Voigt chain.
 
-        tau_i z_i' = s - z_i,   tau_i = tau 10^(i-1),   i = 1..k
-        s += c (w_1 z_1 + ... + w_k z_k),   w_i = 10^(power i) / sum_j 10^(power j)
+        tau_i z_i' = s - z_i,   tau_i = tau 10^((i-1)/m),   i = 1..k
+        s += c (w_1 z_1 + ... + w_k z_k),   w_i = 10^(power i/m) / sum_j 10^(power j/m)
 
-    One element a decade with equal weights approximates logarithmic creep,
+    One element a decade (m = per_decade = 1) with equal weights approximates logarithmic creep,
     L(t) = L0 (1 + g lg(t / 0.1 s)); power, kept at 0 unless freed, is the exponent of fractional
-    creep, t^power. The weight stands at the sum and not at the elements' input,
-    so that creep vanishes with c even where a record begins with elements away from rest.
+    creep, t^power. Two a decade leave no ripple that a record could show. The weight stands at the
+    sum and not at the elements' input, so that creep vanishes with c even where a record begins
+    with elements away from rest.
 
     References: Croft, Shed & Devasia (2001), J. Dyn. Sys. Meas. Control 123(1), 35-43.
     """
 
     elements: int = 3
+    per_decade: int = 1
     place = Place.STRAIN
     variants = ({"elements": 3}, {"elements": 1})
     z = State("m", "displacement of each element", size="elements", remanent=True)
@@ -45,15 +50,18 @@ class Creep(Effect):
     )  # fmt: skip
 
     def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
-        """A chain of five elements about the same decades."""
-        added = max(0, 5 - self.elements)
-        start = {"tau": own["tau"] / 10.0 ** (added // 2)} if added else {}
-        return replace(self, elements=self.elements + added), start
+        """Two elements a decade over the same decades and half a one on either side."""
+        if self.per_decade > 1:
+            return self, {}
+        start = {"tau": own["tau"] / 10.0**0.5} if self.elements < _DENSE else {}
+        return replace(self, elements=max(_DENSE, self.elements), per_decade=2), start
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement; each element relaxes towards it."""
-        chain_of = range(self.elements)
-        rates = [(chain.free.value - x.z[i]) / (p.tau * 10.0**i) for i in chain_of]
-        weights = [exp(p.power * (i * log(10.0))) for i in chain_of]
+        decades = [i / self.per_decade for i in range(self.elements)]
+        rates = [
+            (chain.free.value - x.z[i]) / (p.tau * 10.0**decade) for i, decade in enumerate(decades)
+        ]
+        weights = [exp(p.power * (decade * log(10.0))) for decade in decades]
         sum_of = sum(w * x.z[i] for i, w in enumerate(weights)) / sum(weights)
         return Equations(gives=p.c * sum_of, moves={"z": stack(rates)})
