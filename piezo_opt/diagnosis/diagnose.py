@@ -105,7 +105,8 @@ class Diagnosis:
                     f"{step.name} cannot be told from {', '.join(n for n in step.group[1:])} on "
                     "this record: the answer is the group."
                 )
-        blind = [s.name for s in self.suspects if s.visibility < 0.01]
+        named = {step.name for step in self.steps}
+        blind = [s.name for s in self.suspects if s.visibility < 0.01 and s.name not in named]
         judged = bool(self.invisible) or any(e.detectable for e in self.experiments)
         if blind and not judged:
             sentences.append(
