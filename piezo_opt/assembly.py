@@ -232,7 +232,9 @@ class _Assembler:
                     "use a differential law such as BoucWen()."
                 )
         if not self.model.quasi_static and not self.model.at(Place.MOTION):
-            raise ModelError("The model has a position but nothing moves it: add SecondOrder().")
+            raise ModelError(
+                "The model has a position but nothing moves it: add SecondOrder() or Spring()."
+            )
 
         values = {"drive": (self.drive.value, drive), "free": (self.free.value, free)}
         resolve_values = _in_order(values)

@@ -135,7 +135,7 @@ class Model:
             if need == "motion" and self.quasi_static:
                 return (
                     f"{effect.name} acts on the motion balance and the model is quasi-static: "
-                    "add SecondOrder() first."
+                    "add SecondOrder() first, or Spring() where the record is too slow for it."
                 )
             if need.startswith("channel:") and need.removeprefix("channel:") not in channels:
                 return (
