@@ -77,7 +77,7 @@ def assemble(model: Model, constants: Mapping[str, float] | None = None) -> Syst
     return _assemble(model, tuple(sorted(chosen.items())))
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=2048)
 def _assemble(model: Model, constants: tuple[tuple[str, float], ...]) -> System:
     return _Assembler(model, dict(constants)).system()
 

@@ -114,7 +114,7 @@ def fastest_rates(
     return by_itself, by_drive
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=2048)
 def _jacobian(system: System) -> ca.Function:
     """Derivatives of the system's rate, built once."""
     return system.rate.jacobian()

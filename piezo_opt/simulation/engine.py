@@ -71,7 +71,7 @@ class Engine(Protocol):
         """Simulate; shapes as in :class:`Run`, ``start_sensitivities`` (n, k)."""
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=2048)
 def engine(system: System, directions: tuple[str, ...], prefer_compiled: bool = True) -> Engine:
     """The fastest engine there is on this machine for a system and its directions."""
     made = scheme(system, directions)
