@@ -76,8 +76,13 @@ def _without(fit: Fit, name: str, held: HeldOut, threads: int) -> Fit | None:
     least = min(poorer, key=_rms)
     if _NEARLY * fit.rms < least.rms:
         return least
+    # Detail that costs more than the name it replaces imitates it (the start of a long chain of
+    # creep elements is any smooth curve).
     finer = [r.fit for r in race(least, shape_refinements(least), threads) if plausible(r)]
-    return max([least, *finer], key=lambda one: bic_gain(least, one))
+    dear = len(fit.names)
+    return max(
+        [least, *(f for f in finer if len(f.names) <= dear)], key=lambda one: bic_gain(least, one)
+    )
 
 
 def _spare(poorer: Fit, fit: Fit, held: HeldOut) -> bool:

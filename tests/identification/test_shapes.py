@@ -104,9 +104,8 @@ def test_own_names() -> None:
 def test_every_detail_starts_where_it_can_be_felt_and_within_its_limits(name: str) -> None:
     """Not at 0, where a detail may have no derivative, nor at a bound."""
     kind = CATALOGUE[name]
-    details = {d for options in kind.variants or ({},) for d in kind(**options).details}
-    for detail in details:
-        parameter = kind().parameters[detail]
+    forms = [kind(**options) for options in kind.variants or ({},)]
+    for detail, parameter in {(d, form.parameters[d]) for form in forms for d in form.details}:
         low, high = limits(parameter, (RECORD,))
         start = detail_start(parameter, RECORD)
         assert low < start < high, detail
