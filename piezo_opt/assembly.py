@@ -245,6 +245,12 @@ class _Assembler:
             "acceleration": (self.acceleration, resolve_values(motion / self.inertia)),
         }
         if self.position_state is not None and self.velocity_state is None:
+            if ca.depends_on(motion, self.velocity):
+                raise ModelError(
+                    f"{', '.join(n for n, _ in self.model.at(Place.MOTION))}: a force depends on "
+                    "the velocity itself, which a spring without mass does not hold: take "
+                    "SecondOrder() in the place of Spring()."
+                )
             self.starts[self.position_state] = self._balanced(motion, self.position_state)
             rates["velocity"] = (self.velocity, resolve_values(self._massless(total_rate(motion))))
         for symbol, value in self.incoming_rates:

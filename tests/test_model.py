@@ -9,10 +9,12 @@ from piezo_opt.effects import (
     BoucWen,
     Creep,
     Delay,
+    Effect,
     MaxwellSlip,
     Model,
     NonlinearGain,
     Offset,
+    Parameter,
     PiezoGain,
     Place,
     RateDependence,
@@ -104,3 +106,12 @@ def test_printing_shows_the_chain_the_equations_and_every_parameter_with_its_uni
         assert ("(fixed)" in row) == parameter.fixed
     assert "quasi-static" not in text
     assert "quasi-static" in str(PiezoGain() + BoucWen())
+
+
+def test_a_form_that_is_no_option_is_refused() -> None:
+    with pytest.raises(ModelError, match="'bend' depends on the option 'curved'"):
+
+        class Bent(Effect):
+            place = Place.STRAIN
+            a = Parameter("1", "size", nominal=0.0, null=0.0)
+            bend = Parameter("1", "shape", nominal=0.0, fixed=True, when="curved")

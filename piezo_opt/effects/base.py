@@ -69,6 +69,8 @@ class Parameter:
         detail: a fixed shape that one record in many can see (the roundness of a knee): a search
             for missing effects frees it where that pays, before it asks for another effect.
         per_record: a campaign estimates one value for every record.
+        when, unless: name of an option of the effect with which, or without which, there is this
+            parameter: effects of several forms declare those of all.
     """
 
     unit: str
@@ -80,6 +82,8 @@ class Parameter:
     fixed: bool = False
     detail: bool = False
     per_record: bool = False
+    when: str = ""
+    unless: str = ""
 
     def __post_init__(self) -> None:
         low, high = self.bounds
@@ -229,6 +233,13 @@ class Effect(ABC):
             raise ModelError(
                 f"Effect {cls.__name__} declares no place: write place = Place.STRAIN."
             )
+        for name, parameter in cls._parameters.items():
+            for option in filter(None, (parameter.when, parameter.unless)):
+                if option not in body.get("__annotations__", {}):
+                    raise ModelError(
+                        f"Effect {cls.__name__}: the parameter '{name}' depends on the option "
+                        f"'{option}', which is not declared: write {option}: bool = False."
+                    )
         gates = [k for k, v in cls._parameters.items() if v.null is not None]
         if not cls.structural and len(gates) != 1:
             raise ModelError(
@@ -274,8 +285,11 @@ class Effect(ABC):
 
     @property
     def parameters(self) -> Mapping[str, Parameter]:
-        """Declared parameters by name, in the order written."""
-        return self._parameters
+        """Declared parameters of this form by name, in the order written."""
+        return {
+            k: p for k, p in self._parameters.items()
+            if (not p.when or getattr(self, p.when)) and not (p.unless and getattr(self, p.unless))
+        }  # fmt: skip
 
     @property
     def states(self) -> Mapping[str, int]:
@@ -298,7 +312,7 @@ class Effect(ABC):
     @property
     def details(self) -> tuple[str, ...]:
         """Names of the parameters that a diagnosis frees where the record pays for it."""
-        return tuple(k for k, v in self._parameters.items() if v.detail)
+        return tuple(k for k, v in self.parameters.items() if v.detail)
 
     @property
     def options(self) -> dict[str, Any]:

@@ -104,3 +104,12 @@ def test_without_forces_there_is_nothing_to_it() -> None:
 def test_a_model_has_one_mechanics() -> None:
     with pytest.raises(ModelError, match=r"2 positions \(second_order, spring\)"):
         _ = PiezoGain() + SecondOrder() + Spring()
+
+
+def test_a_force_of_the_velocity_itself_is_refused() -> None:
+    """It would be left out of the balance without a word."""
+    model = PiezoGain() + Spring() + Friction()
+    record = po.Measurement(TIME, DRIVE, 1e-7 * DRIVE, allow_saturated=True)
+    with pytest.raises(ModelError, match=r"spring, friction: a force depends on the velocity"):
+        po.simulate(model, record, {"friction.tau": 1e-3})
+    po.simulate(model, record, {"friction.F": 1.0})

@@ -36,21 +36,16 @@ class RateDependence(Effect):
     )  # fmt: skip
     m = Parameter(
         "1", "exponent of the drive's rate", nominal=0.0, bounds=(0.0, 2.0), typical=(0.0, 2.0),
-        fixed=True, detail=True,
+        fixed=True, detail=True, unless="narrowing",
     )  # fmt: skip
     k = Parameter(
         "1", "exponent of the drive's rate when narrowing", nominal=2.0, bounds=(1.05, 3.0),
-        typical=(1.2, 2.5), fixed=True, detail=True,
+        typical=(1.2, 2.5), fixed=True, detail=True, when="narrowing",
     )  # fmt: skip
     q = Parameter(
         "V/s", "rate of the drive at which the exponent pivots", nominal=1e4, bounds=(1e-6, 1e9),
         fixed=True,
     )  # fmt: skip
-
-    @property
-    def details(self) -> tuple[str, ...]:
-        """The exponent of this form."""
-        return ("k",) if self.narrowing else ("m",)
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Own share of the loop's rate."""

@@ -33,27 +33,16 @@ class Drift(Effect):
     )  # fmt: skip
     tau = Parameter(
         "s", "warm-up time", nominal=1e9, bounds=(1e-3, 1e9), typical=(60.0, 3600.0), fixed=True,
-        detail=True,
+        detail=True, unless="wandering",
     )  # fmt: skip
     bend = Parameter(
         "1/s", "growth of the rate", nominal=0.0, bounds=(-1e9, 1e9), typical=(-1.0, 1.0),
-        per_record=True,
+        per_record=True, when="wandering",
     )  # fmt: skip
     twist = Parameter(
         "1/s^2", "growth of the growth", nominal=0.0, bounds=(-1e9, 1e9), typical=(-1.0, 1.0),
-        per_record=True,
+        per_record=True, when="wandering",
     )  # fmt: skip
-
-    @property
-    def parameters(self) -> Mapping[str, Parameter]:
-        """Those of this form."""
-        other = {"tau"} if self.wandering else {"bend", "twist"}
-        return {k: p for k, p in self._parameters.items() if k not in other}
-
-    @property
-    def details(self) -> tuple[str, ...]:
-        """The warm-up of the form that has one."""
-        return () if self.wandering else ("tau",)
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
         """Slow creep that was under way at the start runs out like a warm-up."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -34,26 +33,16 @@ class SensorCurvature(Effect):
     ratio = Parameter(
         "1/m", "cubic over quadratic coefficient", nominal=0.0, bounds=(-1e9, 1e9),
         typical=(-1e4, 1e4), fixed=True, detail=True,
+        unless="cubic",
     )  # fmt: skip
     even = Parameter(
         "1", "quadratic over cubic part at the reading q", nominal=0.0, bounds=(-1e3, 1e3),
-        typical=(-1.0, 1.0), fixed=True, detail=True,
+        typical=(-1.0, 1.0), fixed=True, detail=True, when="cubic",
     )  # fmt: skip
     q = Parameter(
         "m", "reading at which a is the cubic coefficient", nominal=1e-5, bounds=(1e-9, 1.0),
-        fixed=True,
+        fixed=True, when="cubic",
     )  # fmt: skip
-
-    @property
-    def parameters(self) -> Mapping[str, Parameter]:
-        """Those of this form."""
-        other = {"ratio"} if self.cubic else {"even", "q"}
-        return {k: p for k, p in self._parameters.items() if k not in other}
-
-    @property
-    def details(self) -> tuple[str, ...]:
-        """The other power."""
-        return ("even",) if self.cubic else ("ratio",)
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing reading."""

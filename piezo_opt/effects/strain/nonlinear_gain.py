@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -35,26 +34,16 @@ class NonlinearGain(Effect):
     ratio = Parameter(
         "1/V", "cubic over quadratic coefficient", nominal=0.0, bounds=(-1e3, 1e3),
         typical=(-1e-2, 1e-2), fixed=True, detail=True,
+        unless="cubic",
     )  # fmt: skip
     even = Parameter(
         "1", "quadratic over cubic part at the drive q", nominal=0.0, bounds=(-1e3, 1e3),
-        typical=(-1.0, 1.0), fixed=True, detail=True,
+        typical=(-1.0, 1.0), fixed=True, detail=True, when="cubic",
     )  # fmt: skip
     q = Parameter(
         "V", "drive at which k2 is the cubic coefficient", nominal=100.0, bounds=(1e-6, 1e6),
-        fixed=True,
+        fixed=True, when="cubic",
     )  # fmt: skip
-
-    @property
-    def parameters(self) -> Mapping[str, Parameter]:
-        """Those of this form."""
-        other = {"ratio"} if self.cubic else {"even", "q"}
-        return {k: p for k, p in self._parameters.items() if k not in other}
-
-    @property
-    def details(self) -> tuple[str, ...]:
-        """The other power."""
-        return ("even",) if self.cubic else ("ratio",)
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement."""

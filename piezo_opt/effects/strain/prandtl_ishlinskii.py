@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -54,15 +53,15 @@ class PrandtlIshlinskii(Effect):
     r = Parameter("V", "largest threshold", nominal=50.0, bounds=(1e-6, 1e6), typical=(1.0, 150.0))
     above = Parameter(
         "m/V", "slope gained above all dead zones", nominal=0.0, bounds=(-1e-3, 1e-3),
-        typical=(-5e-8, 5e-8),
+        typical=(-5e-8, 5e-8), when="dead_zones",
     )  # fmt: skip
     below = Parameter(
         "m/V", "slope gained below all dead zones", nominal=0.0, bounds=(-1e-3, 1e-3),
-        typical=(-5e-8, 5e-8), fixed=True,
+        typical=(-5e-8, 5e-8), fixed=True, when="dead_zones",
     )  # fmt: skip
     t = Parameter(
         "V", "threshold of the widest dead zone", nominal=30.0, bounds=(1e-6, 1e6),
-        typical=(1.0, 100.0),
+        typical=(1.0, 100.0), when="dead_zones",
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -73,13 +72,6 @@ class PrandtlIshlinskii(Effect):
                 f"{self.name}: dead_zones is {count!r}; give a whole number from 0 (the "
                 f"symmetric law) to {_MOST}."
             )
-
-    @property
-    def parameters(self) -> Mapping[str, Parameter]:
-        """Those of this form: without dead zones there is nothing to bend."""
-        if self.dead_zones:
-            return self._parameters
-        return {k: self._parameters[k] for k in ("rho", "decay", "r")}
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement; each operator is dragged by the drive."""
