@@ -15,7 +15,12 @@ from contextlib import suppress
 from dataclasses import replace
 
 from piezo_opt.diagnosis.noise import noise_floor
-from piezo_opt.diagnosis.refinements import base_refinements, plausible, shape_refinements
+from piezo_opt.diagnosis.refinements import (
+    EXPLAINED,
+    base_refinements,
+    plausible,
+    shape_refinements,
+)
 from piezo_opt.diagnosis.rung import Rung, Trial, bic_gain, judged, solved
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.structure import structure
@@ -26,8 +31,6 @@ from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.shapes import own
 from piezo_opt.identification.starting import joint_start
 
-_EXPLAINED = 1.08
-"""Error over the noise floor up to which nothing is left to be won."""
 _NEAR = 2.5
 """Error over the best contender's up to which another one is still in the contest."""
 _LEVEL = 1.1
@@ -99,7 +102,7 @@ def settled(fit: Fit) -> bool:
 
 def _explained(fit: Fit) -> bool:
     """Whether a fit leaves but noise, and leaves out no mechanics that a contender may need."""
-    return fit.rms <= _EXPLAINED * noise_floor(fit).rms and not fit.model.quasi_static
+    return fit.rms <= EXPLAINED * noise_floor(fit).rms and not fit.model.quasi_static
 
 
 def _best_of_each(rungs: Sequence[Rung]) -> list[Rung]:

@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from piezo_opt.diagnosis.grouping import group_of
-from piezo_opt.diagnosis.held_out import HeldOut, error_on, rms
+from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, rms
 from piezo_opt.diagnosis.refinements import plausible
 from piezo_opt.diagnosis.rung import STRONG, Rung, adding, bic_gain, judged, race, solved
 from piezo_opt.diagnosis.shortlist import scored, shortlist
@@ -100,7 +100,7 @@ def _rival(
     best = next((r for r in even if r.suspect and r.suspect.name == step.name), even[0])
     if bic_gain(fit, best.fit) < STRONG:
         return None, ()
-    before, after = rms(error_on(fit, held.record)), rms(error_on(best.fit, held.record))
+    before, after = rms(elsewhere(fit, held)), rms(elsewhere(best.fit, held))
     if before is not None and after is not None and not after <= before:
         return None, ()
     return best, group_of(best, ranked, suspects)
@@ -123,8 +123,8 @@ def _retold(foot: Fit, fit: Fit, steps: Sequence[Step], place: int, held: HeldOu
             fit=now,
             rms_before=before.rms,
             rms_after=now.rms,
-            held_out_before=rms(error_on(before, held.record)),
-            held_out_after=rms(error_on(now, held.record)),
+            held_out_before=rms(elsewhere(before, held)),
+            held_out_after=rms(elsewhere(now, held)),
             delta_bic=bic_gain(before, now),
         )
         before = now

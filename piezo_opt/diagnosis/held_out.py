@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.scores import long_run_variance
+from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.measurement import Measurement
 
@@ -73,6 +74,15 @@ def error_on(fit: Fit, record: Measurement | None) -> FloatArray | None:
     if record is None:
         return None
     return np.asarray((record.position - fit.predict(record, refine=False))[record.counted])
+
+
+def elsewhere(fit: Fit, held: HeldOut) -> FloatArray | None:
+    """Held-out errors; without end where the record cannot be simulated with this fit."""
+    try:
+        error = error_on(fit, held.record)
+    except (PiezoOptError, ArithmeticError):
+        return np.array([np.inf])
+    return error if error is None or np.isfinite(error).all() else np.array([np.inf])
 
 
 def rms(error: FloatArray | None) -> float | None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from piezo_opt.diagnosis.contest import contest, settled
 from piezo_opt.diagnosis.exchange import exchange
 from piezo_opt.diagnosis.grouping import group_of
-from piezo_opt.diagnosis.held_out import FOREIGN, HeldOut, agrees, error_on, rms
+from piezo_opt.diagnosis.held_out import FOREIGN, HeldOut, agrees, elsewhere, error_on, rms
 from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.prune import prune
 from piezo_opt.diagnosis.refinements import lean, plausible, refinements, with_base_details
@@ -23,7 +23,6 @@ from piezo_opt.diagnosis.shortlist import entrants, further, scored, shortlist
 from piezo_opt.diagnosis.steps import Step, shaped_further, step_to
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Effect
-from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, with_statistics
 
 FloatArray = NDArray[np.float64]
@@ -125,7 +124,7 @@ def climb(
             # Rivals pay for the base model's details, so the taken one is compared with them too.
             group = group_of(taken, rungs, now)
             taken = lean(fit, taken)
-            after = _elsewhere(taken.fit, held)
+            after = elsewhere(taken.fit, held)
             refined += _of_base(fit, taken.fit)
             halved = taken.fit.rms < _SHAPING * fit.rms
             same = None if halved else _sibling(suspect, steps, suspects)
@@ -143,7 +142,7 @@ def climb(
             if spare:
                 tell(f"dropped {', '.join(spare)}")
                 dropped += spare
-                error = _elsewhere(fit, held)
+                error = elsewhere(fit, held)
         if _nothing_to_win(fit):
             break
         last = bool(spare) or joined
@@ -152,7 +151,7 @@ def climb(
             touched = touched or any(old != new for old, new in gone)
             tell(f"exchanged {', '.join(f'{old} for {new}' for old, new in gone)}")
             refined += [old for old, new in gone if old == new]
-            error = _elsewhere(fit, held)
+            error = elsewhere(fit, held)
             if _nothing_to_win(fit):
                 break
         now, _ = scored(fit, candidates, threads)
@@ -258,7 +257,7 @@ def _unsettled(fit: Fit, *, first: bool) -> bool:
 
 def _mispredicts(fit: Fit, held: HeldOut) -> bool:
     """Whether a fit explains one record and not the other: it may be bent to do so."""
-    there = rms(_elsewhere(fit, held))
+    there = rms(elsewhere(fit, held))
     return there is not None and there > _DOUBTFUL * fit.rms
 
 
@@ -282,7 +281,7 @@ def _order(
     near = _IN_SIGHT * min(r.fit.rms for r in rungs)
     close = [r for r in rungs if r.fit.rms <= near]
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        errors = list(pool.map(lambda r: _elsewhere(r.fit, held), close))
+        errors = list(pool.map(lambda r: elsewhere(r.fit, held), close))
 
     # A record that nobody comes near shows above all something else: it decides nothing yet.
     reached = [(rms(e) or 0.0) / r.fit.rms for r, e in zip(close, errors, strict=True)]
@@ -310,15 +309,6 @@ def _order(
 
 def _gain(rung: Rung) -> float:
     return rung.delta_bic
-
-
-def _elsewhere(fit: Fit, held: HeldOut) -> FloatArray | None:
-    """Held-out errors; without end where the record cannot be simulated with this fit."""
-    try:
-        error = error_on(fit, held.record)
-    except (PiezoOptError, ArithmeticError):
-        return np.array([np.inf])
-    return error if error is None or np.isfinite(error).all() else np.array([np.inf])
 
 
 def _sibling(suspect: Suspect, steps: Sequence[Step], foot: Sequence[Suspect]) -> int | None:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from piezo_opt.diagnosis.contest import forgetful
-from piezo_opt.diagnosis.held_out import HeldOut, error_on, rms
+from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, rms
 from piezo_opt.diagnosis.refinements import plausible, shape_refinements
 from piezo_opt.diagnosis.rung import STRONG, WORTH, Trial, bic_gain, race
 from piezo_opt.diagnosis.steps import Step, renamed, without
@@ -91,7 +91,7 @@ def _spare(poorer: Fit, fit: Fit, held: HeldOut) -> bool:
         return True
     if (1.0 - WORTH) * poorer.rms > fit.rms:
         return False
-    before, after = rms(error_on(poorer, held.record)), rms(error_on(fit, held.record))
+    before, after = rms(elsewhere(poorer, held)), rms(elsewhere(fit, held))
     return before is None or after is None or after > (1.0 - WORTH) * before
 
 
@@ -101,7 +101,7 @@ def _rms(fit: Fit) -> float:
 
 def _topped(step: Step, fit: Fit, held: HeldOut) -> Step:
     """The last step, which ends at this fit."""
-    held_out = rms(error_on(fit, held.record))
+    held_out = rms(elsewhere(fit, held))
     return replace(step, rms_after=fit.rms, held_out_after=held_out, fit=fit)
 
 

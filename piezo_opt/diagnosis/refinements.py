@@ -26,7 +26,7 @@ _RISING = 0.35
 """Damping below which a response rises towards its resonance."""
 _KNOWN = 0.05
 """Relative standard deviation of a natural frequency that is seen without being shaken."""
-_EXPLAINED = 1.08
+EXPLAINED = 1.08
 """Error over the noise floor up to which nothing is left to be won."""
 _ASIDE = 20
 """Iterations without a detail: whoever needs more without it has paid for it."""
@@ -138,7 +138,7 @@ def _resonates(fit: Fit, mechanics: str) -> bool:
     if shown(record, fit.values[omega], fit.values[f"{mechanics}.zeta"]):
         return True
     rising = fit.values[f"{mechanics}.zeta"] < _RISING and fit.values[omega] * record.step < np.pi
-    if not rising or fit.rms > _EXPLAINED * noise_floor(fit).rms:
+    if not rising or fit.rms > EXPLAINED * noise_floor(fit).rms:
         return False
     return bool(with_statistics(fit).std[omega] < _KNOWN * fit.values[omega])
 

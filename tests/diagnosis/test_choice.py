@@ -72,7 +72,7 @@ def judged(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         seen.append(of.rms)
         return np.array([of.elsewhere, -of.elsewhere])
 
-    monkeypatch.setattr(ladder, "_elsewhere", elsewhere)
+    monkeypatch.setattr(ladder, "elsewhere", elsewhere)
     return seen
 
 
@@ -276,7 +276,7 @@ def test_who_explains_one_record_and_not_the_other_has_every_effect_asked(
     monkeypatch.setattr(ladder, "refinements", lambda _: [near.trial])
     monkeypatch.setattr(ladder, "race", lambda *_: [near])
     monkeypatch.setattr(ladder, "settled", lambda _: True)
-    monkeypatch.setattr(ladder, "_elsewhere", lambda of, _: np.full(3, of.elsewhere))
+    monkeypatch.setattr(ladder, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
     monkeypatch.setattr(ladder, "entrants", lambda *given: asked.append(given[2]) or [])
     monkeypatch.setattr(ladder, "contest", lambda _, rungs, *__: rungs)
     everybody = (suspect("drift"),)

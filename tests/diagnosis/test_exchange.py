@@ -131,7 +131,7 @@ def test_the_last_step_is_asked_only_where_it_was_judged_beside_something_else(
         return SimpleNamespace(fit=None, suspect=other), ()
 
     monkeypatch.setattr(module, "_rival", rival)
-    monkeypatch.setattr(module, "error_on", lambda *_: None)
+    monkeypatch.setattr(module, "elsewhere", lambda *_: None)
     monkeypatch.setattr(module, "_retold", lambda _, __, steps, *___: steps)
     monkeypatch.setattr(module, "replace", lambda step, **_: step)
     steps: Any = [SimpleNamespace(name=name) for name in ("first", "second", "third")]
@@ -153,7 +153,7 @@ def test_only_strong_evidence_takes_a_place(
     assert bool(gone) == gives_way
 
 
-@pytest.mark.parametrize(("error", "gives_way"), [(1.01, False), (0.99, True)])
+@pytest.mark.parametrize(("error", "gives_way"), [(1.01, False), (0.99, True), (np.inf, False)])
 def test_the_held_out_record_has_a_veto(
     records: tuple[po.Measurement, po.Measurement],
     error: float,
@@ -163,10 +163,10 @@ def test_the_held_out_record_has_a_veto(
     """A rival that predicts worse does not take a place, however well it fits."""
     foot, fit, steps, held = climbed(*records, Creep(elements=1), SensorCurvature())
     monkeypatch.setattr(
-        module, "error_on", lambda of, _: np.full(9, 1.0 if "creep" in of.model else error)
+        module, "elsewhere", lambda of, _: np.full(9, 1.0 if "creep" in of.model else error)
     )
     _, _, gone = exchange(foot, fit, steps, held, OFFERED, threads=2)
     assert bool(gone) == gives_way
-    monkeypatch.setattr(module, "error_on", lambda *_: None)
+    monkeypatch.setattr(module, "elsewhere", lambda *_: None)
     _, _, gone = exchange(foot, fit, steps, replace(held, record=None), OFFERED, threads=2)
     assert gone

@@ -81,6 +81,6 @@ def test_what_a_name_must_be_worth(
 ) -> None:
     without, fit = SimpleNamespace(rms=poorer, held=elsewhere), SimpleNamespace(rms=1.0, held=1.0)
     monkeypatch.setattr(module, "bic_gain", lambda *_: gain)
-    monkeypatch.setattr(module, "error_on", lambda of, _: np.full(4, of.held))
+    monkeypatch.setattr(module, "elsewhere", lambda of, _: np.full(4, of.held))
     held: Any = SimpleNamespace(record=None)
     assert module._spare(without, fit, held) is spare  # type: ignore[arg-type]
