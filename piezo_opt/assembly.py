@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, final
 
 import casadi as ca
@@ -55,6 +55,15 @@ class System:
     start: ca.Function
     becomes: ca.Function | None
     delay: ca.Function | None
+
+    @cached_property
+    def recipe(self) -> str:
+        """All of what a program that simulates the system depends on, as one text."""
+        parts = (self.rate, self.reading, self.start, self.becomes, self.delay)
+        names = (self.parameter_names, self.state_names, self.channel_names)
+        return "\n".join(
+            (*map(str, names), *("-" if part is None else part.serialize() for part in parts))
+        )
 
 
 def folded(model: Model, runtime: Sequence[str] = ()) -> dict[str, float]:

@@ -160,13 +160,17 @@ def _details(fit: Fit, name: str) -> Trial | None:
     effect = fit.model[name]
     values = own(fit.values, name)
     finer, start = effect.finer(values)
+    record = fit.question.campaign.records[0]
+    if any(s.remanent for s in effect.declared_states.values()) and any(
+        finer.parameters[k].unit == "s" and v < record.step for k, v in start.items()
+    ):
+        finer, start = effect, {}  # a memory that is gone at the next sample needs no detail
     details = [
         k for k in finer.details
         if f"{name}.{k}" not in (*fit.question.free, *fit.question.fixed)
     ]  # fmt: skip
     if finer == effect and not details:
         return None
-    record = fit.question.campaign.records[0]
     freed = tuple(f"{name}.{k}" for k in details)
     question = fit.question.with_model(fit.model.replaced(name, finer))
     question = replace(question, free=(*question.free, *freed))

@@ -107,7 +107,7 @@ def _library(record: Measurement, reading: FloatArray) -> dict[str, FloatArray]:
     since = t - np.maximum.accumulate(np.where(turned, t, t[0]))
     settle = np.log1p(since / record.step)
     plays = {
-        f"the drive through a play of {share:.0%} of its range": _play(v, 0.5 * share)
+        f"the drive through a play of {share:.0%} of its range": play(v, 0.5 * share)
         for share in _PLAYS
     }
     return {
@@ -129,13 +129,19 @@ def _library(record: Measurement, reading: FloatArray) -> dict[str, FloatArray]:
     }
 
 
-def _play(v: FloatArray, half: float) -> FloatArray:
+def play(v: FloatArray, half: float) -> FloatArray:
     """What a play of this half width makes of a signal: the simplest memory of its turns."""
+    step = np.diff(v)
+    moving = np.flatnonzero(step)
+    turned = moving[1:][step[moving[1:]] * step[moving[:-1]] < 0]
+    rising = bool(step[moving[0]] > 0) if moving.size else True
     at, followed = float(v[0]), []
-    for now in v.tolist():
-        at = min(max(at, now - half), now + half)
-        followed.append(at)
-    return np.array(followed)
+    # Within a monotone stretch only one side of the play is ever touched.
+    for stretch in np.split(v, turned + 1):
+        moved = np.maximum(at, stretch - half) if rising else np.minimum(at, stretch + half)
+        followed.append(moved)
+        at, rising = float(moved[-1]), not rising
+    return np.concatenate(followed)
 
 
 def _bursts(r: FloatArray) -> str | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, final
 
 from piezo_opt.effects.base import Effect, Parameter, Place
@@ -114,7 +115,7 @@ class Model:
         """Whether the position follows the free displacement at once (no mechanics)."""
         return not any(s.position for _, e in self.named for s in e.declared_states.values())
 
-    @property
+    @cached_property
     def parameters(self) -> Mapping[str, Parameter]:
         """All declared parameters by full name, ``"bouc_wen.alpha"``."""
         return {f"{n}.{k}": p for n, e in self.named for k, p in e.parameters.items()}

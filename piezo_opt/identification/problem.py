@@ -212,18 +212,17 @@ def plain(name: str) -> str:
     return head if bracket and not name.startswith("initial.") else name
 
 
-def _starts(model: Model) -> dict[str, str]:
-    """Names of the states' initial deviations, and their units; elements not numbered."""
-    return {
-        f"initial.{effect}.{state}": declared.declared_states[state].unit
-        for effect, declared in model
-        for state in declared.states
-    }
+def _starts(model: Model) -> list[str]:
+    """Names of the states' initial deviations; elements not numbered."""
+    return [f"initial.{effect}.{state}" for effect, declared in model for state in declared.states]
 
 
 def _unit(model: Model, name: str) -> str | None:
     """SI unit of a parameter or an initial deviation; None where the model has no such name."""
     if name.startswith("initial."):
-        return _starts(model).get(name.partition("[")[0])
+        effect, _, state = name.removeprefix("initial.").partition("[")[0].rpartition(".")
+        if effect not in model or state not in model[effect].states:
+            return None
+        return model[effect].declared_states[state].unit
     declared = model.parameters.get(plain(name))
     return None if declared is None else declared.unit

@@ -1,6 +1,7 @@
-"""C text to a loaded library, compiled once and kept by the hash of its content.
+"""A recipe to a loaded library, written and compiled once and kept by the recipe's hash.
 
-A library is kept as ``HASH OF THE SOURCE/HASH OF THE LIBRARY.so``. It is opened only when its
+The recipe is whatever the C text follows from: the text itself, or less where writing it takes
+long. A library is kept as ``HASH OF THE RECIPE/HASH OF THE LIBRARY.so``. It is opened only when its
 content has the hash that its name says: the loader maps the file, and a cut-off one would not be
 refused but kill the process with a bus error. Whatever fails the test is removed and built again.
 
@@ -22,6 +23,7 @@ import platform
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -67,12 +69,22 @@ def _fingerprint(compiler: str) -> str:
     return f"{asked.stdout.splitlines()[:1]}|{processor}|{FLAGS}"
 
 
-def load(text: str) -> ctypes.CDLL | None:
-    """The compiled library of a C text, or None when it cannot be built here."""
+def load(recipe: str, write: Callable[[str], str] = str) -> ctypes.CDLL | None:
+    """The compiled library of a recipe, or None when it cannot be built here.
+
+    Args:
+        recipe: all that the C text depends on.
+        write: makes the C text of it; not called where the library is kept. Unless given, the
+            recipe is the C text.
+    """
     compiler = find_compiler()
     if compiler is None:
         return None
-    key = hashlib.sha256(f"{_fingerprint(compiler)}\n{text}".encode()).hexdigest()[:32]
+    key = hashlib.sha256(f"{_fingerprint(compiler)}\n{recipe}".encode()).hexdigest()[:32]
+    kept = _open_kept(cache_directory() / key)
+    if kept is not None:
+        return kept
+    text = write(recipe)
     return _load_into(cache_directory(), key, text, compiler) or _load_into(
         Path(_private_directory()), key, text, compiler
     )

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
+from importlib import metadata, resources
 from typing import Protocol, final
 
 import casadi as ca
@@ -74,16 +75,30 @@ class Engine(Protocol):
 @lru_cache(maxsize=2048)
 def engine(system: System, directions: tuple[str, ...], prefer_compiled: bool = True) -> Engine:
     """The fastest engine there is on this machine for a system and its directions."""
-    made = scheme(system, directions)
     if prefer_compiled:
         try:
-            library = load(source(made))
+            library = load(
+                _recipe(system, directions), lambda _: source(scheme(system, directions))
+            )
         except NotImplementedError:
             # A user's effect may use an operation that CasADi knows and C does not.
             library = None
         if library is not None:
-            return CompiledEngine(made, library)
-    return VirtualMachine(made)
+            return CompiledEngine(system, directions, library)
+    return VirtualMachine(scheme(system, directions))
+
+
+def _recipe(system: System, directions: tuple[str, ...]) -> str:
+    """All that the C program of a system depends on; much quicker to say than to write it."""
+    return "\n".join((system.recipe, *directions, _writers()))
+
+
+@cache
+def _writers() -> str:
+    """What turns a system into a program: this package's own lines, and CasADi."""
+    here = resources.files(__package__)
+    lines = (here.joinpath(f"{name}.py").read_text() for name in ("scheme", "emit", "program"))
+    return "\n".join((metadata.version("casadi"), *lines))
 
 
 def _address(array: FloatArray) -> int:
@@ -96,9 +111,9 @@ class CompiledEngine:
 
     compiled = True
 
-    def __init__(self, made: Scheme, library: ctypes.CDLL) -> None:
-        self._shape = len(made.system.state_names), len(made.directions)
-        self._parameters = len(made.system.parameter_names)
+    def __init__(self, system: System, directions: tuple[str, ...], library: ctypes.CDLL) -> None:
+        self._shape = len(system.state_names), len(directions)
+        self._parameters = len(system.parameter_names)
         self._run = getattr(library, RUN)
         self._run.restype = None
         self._run.argtypes = [ctypes.c_long] + [ctypes.c_void_p] * 18

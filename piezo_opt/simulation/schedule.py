@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +96,15 @@ class Drive:
     closed: Drive | None = None
     """The first period, closed on itself, of a record that has a period."""
 
+    @cached_property
+    def sampled(self) -> Segment:
+        """The time axis of a chain without a delay that is read at the record's samples."""
+        return segments(self, self.channel_time)
+
+
+_KEPT: WeakKeyDictionary[Measurement, dict[tuple[str, ...], Drive]] = WeakKeyDictionary()
+"""Drives of the records that are in use: a search simulates one record with hundreds of models."""
+
 
 def corners(record: Measurement, channels: tuple[str, ...]) -> Drive:
     """The drive of a record as a chain of straight lines, as its ``between`` says.
@@ -102,6 +112,13 @@ def corners(record: Measurement, channels: tuple[str, ...]) -> Drive:
     Raises:
         InputError: a band-limited drive is not evenly sampled.
     """
+    kept = _KEPT.setdefault(record, {})
+    if channels not in kept:
+        kept[channels] = _corners(record, channels)
+    return kept[channels]
+
+
+def _corners(record: Measurement, channels: tuple[str, ...]) -> Drive:
     t = record.time - record.time[0]
     beside = np.array([record.channels[c] for c in channels], dtype=float).T.reshape(t.size, -1)
     if record.between is Between.BANDLIMITED and not record.uniform:

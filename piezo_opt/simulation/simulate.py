@@ -121,7 +121,7 @@ class Simulator:
         self._plain = engine(self.system, (), prefer_compiled)
         self._prefer_compiled = prefer_compiled
         # Kept from call to call, each replaced as a whole: threads may race, never mix.
-        self._segment_at: tuple[float | None, Segment] | None = None
+        self._segment_at: tuple[float, Segment] | None = None
         self._cut_of: tuple[Segment, Substeps, IntArray] | None = None
         self._steady: FloatArray | None = None
         if substeps is None:
@@ -221,13 +221,13 @@ class Simulator:
 
     def segment(self, values: Mapping[str, float]) -> Segment:
         """The time axis: stretches of straight drive, and where the reading is taken."""
-        delay = None
-        if self.system.delay is not None:
-            delay = float(self.system.delay(self._parameters(values)))
+        if self.system.delay is None:
+            return self._drive.sampled
+        delay = float(self.system.delay(self._parameters(values)))
         kept = self._segment_at
         if kept is None or kept[0] != delay:
             drive = self._drive
-            if delay is not None and self.initial is Initial.PERIODIC:
+            if self.initial is Initial.PERIODIC:
                 length = float(self.record.period or np.inf)
                 drive = led_in(drive, max(1, int(np.ceil(delay / length))))
             kept = (delay, segments(drive, self._at, delay))

@@ -90,6 +90,22 @@ def test_refinements_are_details_and_hidden_mechanics() -> None:
     assert [t.refines for t in base_refinements(moving)] == [("bouc_wen.n",)]
 
 
+def test_a_chain_that_forgets_between_two_samples_is_not_made_denser() -> None:
+    time = clock(2000)
+    record = measured(STILL, time, rich(time))
+    base = fitted(STILL, record)
+    question = base.question.with_model(STILL + Creep(elements=3))
+
+    def details(tau: float) -> Effect:
+        at = {**base.values, "creep.c": 0.02, "creep.tau": tau}
+        (trial, *_) = shape_refinements(solved(question, at, 0))
+        return trial.question.model["creep"]
+
+    # The densest chain begins half a decade below.
+    assert details(5.0 * record.step) == Creep(elements=7, per_decade=2)
+    assert details(2.0 * record.step) == Creep(elements=3)
+
+
 TRUTH_OF = {n: v for n, v in TRUTH.items() if n in STILL.parameters}
 
 

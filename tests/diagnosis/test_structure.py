@@ -11,7 +11,7 @@ from scipy import signal
 
 import piezo_opt as po
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
-from piezo_opt.diagnosis.structure import Structure, structure
+from piezo_opt.diagnosis.structure import Structure, play, structure
 from piezo_opt.effects import BoucWen, PrandtlIshlinskii
 from piezo_opt.measurement import FloatArray
 from tests.diagnosis.plants import (
@@ -165,3 +165,16 @@ def test_a_loop_of_another_law_is_heard() -> None:
     own = BoucWen(), {"alpha": 3e-8, "beta": 0.03, "gamma": 5e-3}
     right = po.solve(po.Identification(STILL, minor_loops(*own, noise)))
     assert structure(right, noise_floor(right)).clues == ()
+
+
+@pytest.mark.parametrize("half", [0.02, 0.3, 5.0])
+def test_a_play_follows_by_its_definition(half: float) -> None:
+    random = np.random.default_rng(3)
+    walk = np.cumsum(random.normal(size=600))
+    stairs = np.repeat(random.normal(size=40), 15)
+    for signal_ in (walk, stairs, np.concatenate([np.zeros(9), walk]), np.zeros(5), np.ones(1)):
+        at, followed = float(signal_[0]), []
+        for now in signal_.tolist():
+            at = min(max(at, now - half), now + half)
+            followed.append(at)
+        np.testing.assert_array_equal(play(signal_, half), followed)

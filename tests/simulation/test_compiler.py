@@ -12,11 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from piezo_opt.assembly import assemble
 from piezo_opt.effects import BoucWen, PiezoGain, SecondOrder
 from piezo_opt.measurement import Measurement
-from piezo_opt.simulation import Simulator, Substeps, compiler
+from piezo_opt.simulation import Simulator, Substeps, compiler, program
+from piezo_opt.simulation import engine as engines
 from piezo_opt.simulation.compiler import cache_directory, find_compiler, load
 from piezo_opt.simulation.engine import engine
+from piezo_opt.simulation.scheme import Scheme
 from piezo_opt.values import Values
 
 COMPILER = find_compiler()
@@ -205,6 +208,50 @@ def test_without_a_compiler_the_numbers_are_the_same(
     assert len(libraries(cache)) == 2
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.ptp(other))
+
+
+SAYING = """
+import hashlib
+from piezo_opt.assembly import assemble
+from piezo_opt.effects import BoucWen, Creep, PiezoGain, SecondOrder
+system = assemble(PiezoGain() + BoucWen() + Creep() + SecondOrder(), {"bouc_wen.n": 1.0})
+print(hashlib.sha256(system.recipe.encode()).hexdigest())
+"""
+
+
+def test_a_recipe_is_the_same_in_every_process() -> None:
+    said = {
+        subprocess.run(
+            [sys.executable, "-c", SAYING], capture_output=True, text=True, check=True,
+            env={**os.environ, "PYTHONHASHSEED": seed},
+        ).stdout
+        for seed in ("1", "2")
+    }  # fmt: skip
+    assert len(said) == 1
+
+
+@needs_compiler
+def test_a_program_is_written_once_and_again_for_whatever_differs(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[tuple[str, ...]] = []
+
+    def source(made: Scheme) -> str:
+        written.append(made.directions)
+        return program.source(made)
+
+    monkeypatch.setattr(engines, "source", source)
+    model = PiezoGain() + BoucWen()
+    round_, sharp = (assemble(model, {"bouc_wen.n": n}) for n in (1.0, 2.0))
+    for system, directions in (
+        (round_, ()), (round_, ("piezo_gain.d",)), (round_, ("bouc_wen.beta",)), (sharp, ()),
+        (round_, ()), (sharp, ()),
+    ):  # fmt: skip
+        engine.cache_clear()
+        engine(system, directions)
+    engine.cache_clear()
+    assert written == [(), ("piezo_gain.d",), ("bouc_wen.beta",), ()]
+    assert len(libraries(cache)) == 4
 
 
 def test_the_cache_is_where_the_user_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
@@ -89,6 +91,19 @@ def test_a_held_drive_stands_still_between_its_steps() -> None:
             np.interp(time[k] + inside * STEP, axis.time, axis.value), drive[k]
         )
     np.testing.assert_array_equal(np.interp(time, axis.time, axis.value), drive)
+
+
+def test_a_time_axis_is_cut_once_a_record_and_gone_with_it() -> None:
+    time = np.linspace(0.0, 1.0, 50)
+    used = record(time, multisine(time))
+    values = Values.nominal(MECHANICS)
+    first, other = (simulator(model, used, values) for model in (QUASI_STATIC, MECHANICS))
+    assert first.segment(values) is other.segment(values)
+    seen = weakref.ref(corners(used, ()))
+    assert seen() is corners(used, ())
+    del used, first, other
+    gc.collect()
+    assert seen() is None
 
 
 def test_the_segments_of_a_held_drive_cut_flats_coarsely_and_steps_finely() -> None:
