@@ -118,7 +118,6 @@ class Simulator:
         self._constants = tuple(self.system.constants.items())
         self._drive: Drive = corners(record, self.system.channel_names)
         self._at = record.time - record.time[0]
-        self._plain = engine(self.system, (), prefer_compiled)
         self._prefer_compiled = prefer_compiled
         # Kept from call to call, each replaced as a whole: threads may race, never mix.
         self._segment_at: tuple[float, Segment] | None = None
@@ -134,6 +133,11 @@ class Simulator:
     def compiled(self) -> bool:
         """Whether machine code runs."""
         return self._plain.compiled
+
+    @cached_property
+    def _plain(self) -> Engine:
+        """The engine without directions; hundreds of searches ask for sensitivities only."""
+        return engine(self.system, (), self._prefer_compiled)
 
     @cached_property
     def _sensitive(self) -> Engine:

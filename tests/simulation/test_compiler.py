@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from piezo_opt.assembly import assemble
-from piezo_opt.effects import BoucWen, PiezoGain, SecondOrder
+from piezo_opt.effects import BoucWen, Model, PiezoGain, SecondOrder
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation import Simulator, Substeps, compiler, program
 from piezo_opt.simulation import engine as engines
@@ -208,6 +208,22 @@ def test_without_a_compiler_the_numbers_are_the_same(
     assert len(libraries(cache)) == 2
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.ptp(other))
+
+
+@needs_compiler
+def test_who_asks_for_sensitivities_only_waits_for_one_program(cache: Path) -> None:
+    engine.cache_clear()
+    time = np.arange(60) / 1e4
+    record = Measurement(time, np.sin(time), 1e-7 * np.sin(time))
+    model, values = Model.of(PiezoGain()), {"piezo_gain.d": 1e-7}
+    run = Simulator(
+        model, record, values, directions=("piezo_gain.d",), substeps=Substeps(1.0, 1e9)
+    )
+    run.with_sensitivities(values)
+    assert len(libraries(cache)) == 1
+    run.reading(values)
+    assert len(libraries(cache)) == 2
+    engine.cache_clear()
 
 
 SAYING = """
