@@ -52,7 +52,8 @@ _LOST = 2.0
 """Error of the closest refit over the floor beyond which every effect is tried afresh."""
 _DOUBTFUL, _NOISY = 1.3, 1.1
 """Held-out error of the closest refit over its own beyond which the same is done, where that one
-leaves no more than so many times the floor."""
+leaves no more than so many times the floor; where it leaves what may be slow noise, that of another
+record (``FOREIGN``)."""
 _MOST_ROUNDS = 7
 
 
@@ -109,9 +110,7 @@ def climb(
     bar = SIGNIFICANT if held.record is not None else SHORT
     for _ in range(_MOST_ROUNDS):
         rungs = _refits(fit, held, now, first=not steps, bar=bar, tell=tell, threads=threads)
-        # Beside what was found already another name must prove itself where it is judged.
-        lenient = fit.rms if not steps else np.inf
-        chosen = _chosen(fit, error, _order(rungs, held, threads), lenient)
+        chosen = _chosen(fit, error, _order(rungs, held, threads), first=not steps)
         if chosen is None:
             break
         taken, after = chosen
@@ -204,8 +203,12 @@ def _refits(
         rungs = race(fit, [*trials, *(with_base_details(adding(s)) for s in short)], threads)
     closest = min((r.fit for r in rungs), key=lambda f: f.rms, default=fit)
     floor = noise_floor(closest).rms
-    doubtful = closest is not fit and closest.rms < _NOISY * floor and _mispredicts(closest, held)
-    if doubtful or (not settled(closest) and _unsettled(fit, first=first)):
+    calm = settled(closest)
+    doubtful = closest is not fit and (
+        (closest.rms < _NOISY * floor and _mispredicts(closest, held, _DOUBTFUL))
+        or (calm and _mispredicts(closest, held, FOREIGN))
+    )
+    if doubtful or (not calm and _unsettled(fit, first=first)):
         # Scores are taken at a fit that has been bent, and slow residuals leave none of them
         # significant: let refits tell.
         more = further(suspects, short)
@@ -221,14 +224,19 @@ def _chosen(
     fit: Fit,
     error: FloatArray | None,
     ordered: Sequence[tuple[Rung, FloatArray | None]],
-    lenient: float,
+    *,
+    first: bool,
 ) -> tuple[Rung, FloatArray | None] | None:
     """The first rung that is worth its name and that the held-out data do not contradict.
 
     A detail names nothing, and what it wins on the fitted record it may lose a little of where a
-    record of another kind is judged on: without it an effect would be named for its sake.
+    record of another kind is judged on: without it an effect would be named for its sake. What is
+    found first may leave a record of another kind as it was, if that shows far more than what is
+    then left; beside what was found already another name must prove itself where it is judged.
     """
     for rung, after in ordered:
+        halved = rung.fit.rms < _SHAPING * fit.rms
+        lenient = (rung.fit.rms if halved else fit.rms) if first else np.inf
         detail = rung.suspect is None
         worth = _DETAIL if detail else WORTH
         level = detail and (rms(after) or 0.0) <= _TOLERATED * (rms(error) or np.inf)
@@ -255,10 +263,10 @@ def _unsettled(fit: Fit, *, first: bool) -> bool:
     return (first and fit.rms > _ABOVE * floor.rms) or structure(fit, floor).left
 
 
-def _mispredicts(fit: Fit, held: HeldOut) -> bool:
+def _mispredicts(fit: Fit, held: HeldOut, times: float) -> bool:
     """Whether a fit explains one record and not the other: it may be bent to do so."""
     there = rms(elsewhere(fit, held))
-    return there is not None and there > _DOUBTFUL * fit.rms
+    return there is not None and there > times * fit.rms
 
 
 def _order(

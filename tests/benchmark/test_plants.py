@@ -15,7 +15,7 @@ from piezo_opt.benchmark import plants
 from piezo_opt.benchmark.plants import CLASSES, OUTSIDE, HiddenRecord, make
 from piezo_opt.benchmark.plants.drives import Drive
 from piezo_opt.benchmark.plants.hidden import Hidden, Scale, Scene
-from piezo_opt.benchmark.plants.input_line import Delay
+from piezo_opt.benchmark.plants.input_line import ChargeBackCoupling, Delay
 from piezo_opt.benchmark.plants.material import Creep
 from piezo_opt.benchmark.plants.motion import CubicStiffness
 from piezo_opt.benchmark.plants.noise import Noise, read
@@ -86,6 +86,22 @@ def test_base_plant_agrees_with_a_general_integrator() -> None:
     assert np.max(np.abs(fine - truth)) < 2e-10
     quick = base_responses(b, b.vector()[None], drive, False, rate)[0] - b.offset
     assert np.max(np.abs(quick - truth)) < 4e-10
+
+
+def test_the_charge_on_the_drive_is_stepped_to_second_order() -> None:
+    """A loop that is led too far and back again would turn, and leave an error of first order."""
+    rate = 2000.0
+    time = np.arange(800) / rate
+    drive = 50.0 * (1.0 - np.cos(2.0 * np.pi * 12.0 * time)) + 10.0 * np.sin(3e2 * np.pi * time)
+    charge = ChargeBackCoupling(intensity=0.5, scale=SCALE, slow=1.0)
+
+    def read_at(substeps: int) -> NDArray[np.float64]:
+        return simulate(BASE, [charge], scene(BASE, drive, rate, substeps)).reading
+
+    truth = read_at(48)
+    coarse, fine = (rms(read_at(n) - truth) for n in (3, 6))
+    assert fine < coarse / 3.0
+    assert fine < 1e-3 * np.ptp(truth)
 
 
 def test_creep_is_logarithmic() -> None:

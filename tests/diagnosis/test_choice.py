@@ -264,18 +264,27 @@ def test_names_are_asked_for_again_at_the_end_where_details_came_after_them(
 
 @pytest.mark.usefixtures("unit_noise")
 @pytest.mark.parametrize(
-    ("error", "elsewhere", "asked_again"),
-    [(1.0, 1.29, False), (1.0, 1.31, True), (1.09, 1.5, True), (1.11, 1.5, False)],
-)
+    ("error", "elsewhere", "calm", "asked_again"),
+    [
+        (1.0, 1.29, True, False), (1.0, 1.31, True, True), (1.09, 1.5, True, True),
+        (1.11, 1.5, True, False), (1.3, 3.8, True, False), (1.3, 4.0, True, True),
+        (1.3, 4.0, False, False),
+    ],
+)  # fmt: skip
 def test_who_explains_one_record_and_not_the_other_has_every_effect_asked(
-    error: float, elsewhere: float, asked_again: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Where it leaves but noise on the record that is fitted: else there are other reasons."""
+    error: float, elsewhere: float, calm: bool, asked_again: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """Where it leaves but noise on the record that is fitted: else there are other reasons.
+
+    Where it leaves what may be slow noise the other record must be missed by more.
+    """
     asked: list[object] = []
     near = effect("bent", error, elsewhere)
     monkeypatch.setattr(ladder, "refinements", lambda _: [near.trial])
     monkeypatch.setattr(ladder, "race", lambda *_: [near])
-    monkeypatch.setattr(ladder, "settled", lambda _: True)
+    monkeypatch.setattr(ladder, "settled", lambda _: calm)
+    monkeypatch.setattr(ladder, "_unsettled", lambda *_, **__: False)
     monkeypatch.setattr(ladder, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
     monkeypatch.setattr(ladder, "entrants", lambda *given: asked.append(given[2]) or [])
     monkeypatch.setattr(ladder, "contest", lambda _, rungs, *__: rungs)
@@ -285,3 +294,22 @@ def test_who_explains_one_record_and_not_the_other_has_every_effect_asked(
         fit(9.0), JUDGED, everybody, first=True, bar=-1.0, tell=lambda _: None, threads=1
     )
     assert asked == ([everybody] if asked_again else [])
+
+
+@pytest.mark.parametrize(
+    ("error", "elsewhere", "first", "taken"),
+    [
+        # What is left is far less than the other record shows, and that hardly changes.
+        (0.3, 1.01, True, True), (0.3, 1.03, True, False), (0.3, 1.01, False, False),
+        # Less than half has been explained, or the other record shows little more.
+        (0.51, 1.01, True, False), (0.4, 1.01, True, False),
+    ],
+)  # fmt: skip
+def test_what_is_found_first_may_leave_another_record_as_it_was(
+    error: float, elsewhere: float, first: bool, taken: bool
+) -> None:
+    random = np.random.default_rng(1)
+    before = random.normal(size=500)
+    after = elsewhere * before * np.sign(random.normal(size=500))
+    ordered = [(effect("dead_zone", error), after)]
+    assert (ladder._chosen(fit(1.0), before, ordered, first=first) is not None) == taken

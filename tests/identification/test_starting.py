@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import piezo_opt as po
-from piezo_opt.effects import Creep, SecondMode
+from piezo_opt.effects import Backlash, ChargeBackCoupling, Creep, Effect, SecondMode
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.starting import starting_values, straight_line
 from piezo_opt.measurement import FloatArray
@@ -175,6 +177,35 @@ def test_the_remanent_start_is_estimated_and_lowers_the_misfit() -> None:
     low, high = free.interval("initial.bouc_wen.h", 0.999)
     assert low < h < high
     assert high - low < 0.1 * abs(h)
+
+
+@pytest.mark.parametrize(
+    ("effect", "own"),
+    [
+        (ChargeBackCoupling(poles=2), {"kappa": 600.0, "tau": 4e-3}),
+        (SecondMode(), {"g": 0.1, "omega": 2.0 * np.pi * 31.0, "zeta": 0.01}),
+        (Backlash(), {"w": 4e-7}),
+    ],
+)
+def test_a_record_cut_in_motion_leaves_no_effect_at_rest(
+    effect: Effect, own: dict[str, float]
+) -> None:
+    model = MOVING + effect
+    shaking, truth = shaken(80.0)
+    truth |= {f"{effect.name}.{k}": v for k, v in own.items()}
+    cut = record(model, truth, shaking.time, shaking.drive, noise=3e-9).slice(0.1, None)
+    at = {n: v for n, v in truth.items() if n in model.parameters}
+
+    def rms(**more: Any) -> float:
+        return po.solve(po.Identification(model, cut, values=at, **more)).rms
+
+    assert rms() < 1.05 * 3e-9
+    rest = dict.fromkeys(
+        (f"initial.{effect.name}.{s}[{i}]" if n > 1 else f"initial.{effect.name}.{s}"
+         for s, n in effect.states.items() for i in range(n)),
+        0.0,
+    )  # fmt: skip
+    assert rms(fixed=rest) > 1.2 * 3e-9
 
 
 def test_the_search_hands_over_a_start_near_the_answer() -> None:

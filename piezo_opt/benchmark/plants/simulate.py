@@ -207,7 +207,9 @@ class _Stepped:
     ) -> tuple[Array, Array, Array]:
         """Position, velocity and free displacement with the motion's charge on the drive.
 
-        The lagged velocity of the next node is extrapolated from the last two.
+        The lagged velocity of the next node is extrapolated from the last two, and the step is
+        taken again, loop and all, with what came out: a loop that is first led too far and then
+        back has turned twice.
         """
         base, step = self._base, self._scene.grid.step
         times = self._scene.grid.time.tolist()
@@ -219,37 +221,49 @@ class _Stepped:
         c = w - conjugate * x
         xs, ws, frees = [x], [w], np.empty_like(ends)
         slower, quicker = np.exp(-step / back.slow), np.exp(-step / back.quick)
+
+        def led(there: float, seconds: float) -> float:
+            """Lead the loop to a drive."""
+            parts = max(ceil(abs(there - drive) * base.width / 0.04), 1)
+            part = (there - drive) / parts
+            for k in range(parts):
+                loop.move(drive + k * part, part, seconds / parts)
+            return there
+
         columns = zip(*ends.tolist(), *added.tolist(), times[1:], strict=True)
         for i, (left, right, more_left, more_right, time) in enumerate(columns):
-            for target, more, row in (
-                (left - back.kappa * quick, more_left, 0),
-                (right - back.kappa * (2.0 * quick - before), more_right, 1),
-            ):
-                parts = max(ceil(abs(target - drive) * base.width / 0.04), 1)
-                part = (target - drive) / parts
-                for _ in range(parts):
-                    loop.move(drive, part, row * step / parts)
-                    drive += part
-                s = base.gain * drive - loop.h + more
-                frees[row, i] = s
-            if self._grips and self._held(s, x, time):
-                c, now = -conjugate * x, 0.0
-            else:
-                common = self._grown * c + self._early * (frees[0, i] - taken)
-                c = common + self._late * (s - taken)
-                x = c.imag / turn
-                if self._forces:
-                    guess = self._taken(x, c.real + decay * x, s, time)
-                    c = common + self._late * (s - guess)
-                    x = c.imag / turn
-                now = c.real + decay * x
-                taken = self._taken(x, now, s, time)
+            drive = led(left - back.kappa * quick, 0.0)
+            frees[0, i] = base.gain * drive - loop.h + more_left
+            at, turned = drive, loop.h
+            guess = 2.0 * quick - before
+            held = None
+            for _ in range(2):
+                drive, loop.h = at, turned
+                drive = led(right - back.kappa * guess, step)
+                s = base.gain * drive - loop.h + more_right
+                if held is None:
+                    held = bool(self._grips) and self._held(s, x, time)
+                if held:
+                    moved, reached, now = -conjugate * x, x, 0.0
+                else:
+                    common = self._grown * c + self._early * (frees[0, i] - taken)
+                    moved = common + self._late * (s - taken)
+                    reached = moved.imag / turn
+                    if self._forces:
+                        push = self._taken(reached, moved.real + decay * reached, s, time)
+                        moved = common + self._late * (s - push)
+                        reached = moved.imag / turn
+                    now = moved.real + decay * reached
+                middle = 0.5 * (w + now)
+                after = middle + (slow - middle) * slower
+                half = 0.5 * (slow + after)
+                guess = half + (quick - half) * quicker
+            frees[1, i] = s
+            if not held:
+                taken = self._taken(reached, now, s, time)
                 self._keep()
-            middle = 0.5 * (w + now)
-            after = middle + (slow - middle) * slower
-            half = 0.5 * (slow + after)
-            before, quick = quick, half + (quick - half) * quicker
-            slow, w = after, now
+            before, quick = quick, guess
+            c, x, slow, w = moved, reached, after, now
             xs.append(x)
             ws.append(w)
         return np.array(xs), np.array(ws), frees

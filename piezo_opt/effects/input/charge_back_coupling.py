@@ -30,7 +30,9 @@ class ChargeBackCoupling(Effect):
     poles: int = 1
     place = Place.INPUT
     requires = ("motion",)
-    z = State("m/s", "velocity as the capacitance sees it, pole by pole", size="poles")
+    z = State(
+        "m/s", "velocity as the capacitance sees it, pole by pole", size="poles", remanent=True
+    )
     kappa = Parameter(
         "V*s/m", "voltage lost per velocity, R T", nominal=0.0, bounds=(-1e8, 1e8),
         typical=(10.0, 1e3), null=0.0,

@@ -24,7 +24,7 @@ class Backlash(Effect):
     """
 
     place = Place.OUTPUT
-    z = State("m", "reading at the last turn")
+    z = State("m", "reading at the last turn", remanent=True)
     w = Parameter(
         "m", "half of the lost motion", nominal=0.0, bounds=(0.0, 1e-2), typical=(1e-9, 1e-6),
         null=0.0,

@@ -24,8 +24,8 @@ class SecondMode(Effect):
     """
 
     place = Place.OUTPUT
-    q = State("m", "modal displacement")
-    r = State("m/s", "modal velocity")
+    q = State("m", "modal displacement", remanent=True)
+    r = State("m/s", "modal velocity", remanent=True)
     g = Parameter(
         "1", "share of the mode in the reading", nominal=0.0, bounds=(-10.0, 10.0),
         typical=(-0.1, 0.1), null=0.0,
