@@ -105,8 +105,8 @@ def climb(
     steps: list[Step] = []
     refined: list[str] = []
     dropped: list[str] = []
-    touched = False
-    error = error_on(fit, held.record)
+    touched = unconfirmed = False
+    foot = error = error_on(fit, held.record)
     bar = SIGNIFICANT if held.record is not None else SHORT
     for _ in range(_MOST_ROUNDS):
         rungs = _refits(fit, held, now, first=not steps, bar=bar, tell=tell, threads=threads)
@@ -115,6 +115,8 @@ def climb(
             break
         taken, after = chosen
         suspect = taken.suspect
+        if suspect is not None and not steps:
+            unconfirmed = not agrees(error, after, fit.rms)
         touched = suspect is None
         if suspect is None:
             refined += taken.trial.refines
@@ -157,6 +159,10 @@ def climb(
     if steps and touched:
         fit, steps, spare = prune(fit, steps, held, threads, last=True)
         dropped += spare
+    if steps and unconfirmed and not agrees(foot, elsewhere(fit, held)):
+        # Not even with all that came after it does the other record want it.
+        tell(f"refused {', '.join(step.name for step in steps)}")
+        fit, steps, refined, dropped = baseline, [], [], []
     return Ladder(
         baseline,
         fit,
@@ -232,7 +238,8 @@ def _chosen(
     A detail names nothing, and what it wins on the fitted record it may lose a little of where a
     record of another kind is judged on: without it an effect would be named for its sake. What is
     found first may leave a record of another kind as it was, if that shows far more than what is
-    then left; beside what was found already another name must prove itself where it is judged.
+    then left, until the end of the ladder; beside what was found already another name must prove
+    itself where it is judged.
     """
     for rung, after in ordered:
         halved = rung.fit.rms < _SHAPING * fit.rms
