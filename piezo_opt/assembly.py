@@ -18,7 +18,7 @@ import casadi as ca
 from piezo_opt.effects.base import Chain, Equations, Place, Signal, Symbols
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import ModelError
-from piezo_opt.symbolic import Expression
+from piezo_opt.symbolic import Expression, one_at_a_time
 
 
 @final
@@ -57,6 +57,7 @@ class System:
     delay: ca.Function | None
 
     @cached_property
+    @one_at_a_time
     def recipe(self) -> str:
         """All of what a program that simulates the system depends on, as one text."""
         parts = (self.rate, self.reading, self.start, self.becomes, self.delay)
@@ -87,6 +88,7 @@ def assemble(model: Model, constants: Mapping[str, float] | None = None) -> Syst
 
 
 @lru_cache(maxsize=2048)
+@one_at_a_time
 def _assemble(model: Model, constants: tuple[tuple[str, float], ...]) -> System:
     return _Assembler(model, dict(constants)).system()
 

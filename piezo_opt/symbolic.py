@@ -7,7 +7,9 @@ assembler hands it. Nothing else of the package's physics knows which symbolic e
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final, TypeAlias
+from functools import wraps
+from threading import RLock
+from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 
 import casadi as ca
 
@@ -15,6 +17,25 @@ Expression: TypeAlias = Any
 """A scalar or column of the symbolic engine (or a float); the engine carries no type hints."""
 
 _TINY = 1e-300
+_BUILDING: Final = RLock()
+_Given = ParamSpec("_Given")
+_Made = TypeVar("_Made")
+
+
+def one_at_a_time(build: Callable[_Given, _Made]) -> Callable[_Given, _Made]:
+    """A function that makes or frees expressions, run by one thread at a time.
+
+    The engine lets go of the interpreter's lock while it builds expressions and while it frees
+    them, and two threads that do so at once bring the process down, rarely. What the function
+    makes on its way dies within it.
+    """
+
+    @wraps(build)
+    def alone(*args: _Given.args, **kwargs: _Given.kwargs) -> _Made:
+        with _BUILDING:
+            return build(*args, **kwargs)
+
+    return alone
 
 
 def abs_(a: Expression) -> Expression:

@@ -5,7 +5,7 @@ from others then. Beside the later steps it may: each earlier step is taken out,
 take its place now is fitted there.
 
 Source: exchange steps in subset selection, Miller (2002), Subset Selection in Regression, 2nd ed.,
-sec. 3.9.
+ch. 3.
 """
 
 from __future__ import annotations

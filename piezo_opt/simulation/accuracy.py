@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from piezo_opt.assembly import System
 from piezo_opt.errors import ModelError
 from piezo_opt.simulation.schedule import Segment
+from piezo_opt.symbolic import one_at_a_time
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -115,6 +116,7 @@ def fastest_rates(
 
 
 @lru_cache(maxsize=2048)
+@one_at_a_time
 def _jacobian(system: System) -> ca.Function:
     """Derivatives of the system's rate, built once."""
     return system.rate.jacobian()

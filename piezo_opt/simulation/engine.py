@@ -22,6 +22,7 @@ from piezo_opt.simulation.compiler import load
 from piezo_opt.simulation.program import RUN, START, source
 from piezo_opt.simulation.schedule import Segment
 from piezo_opt.simulation.scheme import Scheme, scheme
+from piezo_opt.symbolic import one_at_a_time
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -77,14 +78,22 @@ def engine(system: System, directions: tuple[str, ...], prefer_compiled: bool = 
     """The fastest engine there is on this machine for a system and its directions."""
     if prefer_compiled:
         try:
-            library = load(
-                _recipe(system, directions), lambda _: source(scheme(system, directions))
-            )
+            library = load(_recipe(system, directions), lambda _: _program(system, directions))
         except NotImplementedError:
             # A user's effect may use an operation that CasADi knows and C does not.
             library = None
         if library is not None:
             return CompiledEngine(system, directions, library)
+    return _interpreter(system, directions)
+
+
+@one_at_a_time
+def _program(system: System, directions: tuple[str, ...]) -> str:
+    return source(scheme(system, directions))
+
+
+@one_at_a_time
+def _interpreter(system: System, directions: tuple[str, ...]) -> VirtualMachine:
     return VirtualMachine(scheme(system, directions))
 
 

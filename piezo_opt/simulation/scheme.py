@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.assembly import System
 from piezo_opt.errors import ModelError
+from piezo_opt.symbolic import one_at_a_time
 
 INITIAL = "initial."
 
@@ -58,6 +59,7 @@ class Scheme:
     columns: NDArray[np.intp]
 
 
+@one_at_a_time
 def scheme(system: System, directions: Sequence[str] = ()) -> Scheme:
     """Runge-Kutta sub-step of a system with sensitivities in the named directions.
 

@@ -7,7 +7,9 @@ import os
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 import pytest
@@ -224,6 +226,32 @@ def test_who_asks_for_sensitivities_only_waits_for_one_program(cache: Path) -> N
     run.reading(values)
     assert len(libraries(cache)) == 2
     engine.cache_clear()
+
+
+@needs_compiler
+def test_threads_write_programs_one_at_a_time(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """CasADi frees expressions without the interpreter's lock: two threads at it may crash."""
+    inside, most = 0, 0
+
+    def source(made: Scheme) -> str:
+        nonlocal inside, most
+        inside += 1
+        most = max(most, inside)
+        sleep(0.02)
+        written = program.source(made)
+        inside -= 1
+        return written
+
+    monkeypatch.setattr(engines, "source", source)
+    engine.cache_clear()
+    model = PiezoGain() + BoucWen()
+    names = ("piezo_gain.d", "bouc_wen.alpha", "bouc_wen.beta", "bouc_wen.gamma")
+    with ThreadPoolExecutor(max_workers=4) as pool:
+        made = list(pool.map(lambda name: engine(assemble(model), (name,)), names))
+    engine.cache_clear()
+    assert all(one.compiled for one in made)
+    assert len(libraries(cache)) == 4
+    assert most == 1
 
 
 SAYING = """
