@@ -107,6 +107,7 @@ def climb(
     dropped: list[str] = []
     touched = unconfirmed = False
     foot = error = error_on(fit, held.record)
+    nameless = fit, refined
     bar = SIGNIFICANT if held.record is not None else SHORT
     for _ in range(_MOST_ROUNDS):
         rungs = _refits(fit, held, now, first=not steps, bar=bar, tell=tell, threads=threads)
@@ -117,6 +118,7 @@ def climb(
         suspect = taken.suspect
         if suspect is not None and not steps:
             unconfirmed = not agrees(error, after, fit.rms)
+            nameless = fit, list(refined)
         touched = suspect is None
         if suspect is None:
             refined += taken.trial.refines
@@ -162,7 +164,7 @@ def climb(
     if steps and unconfirmed and not agrees(foot, elsewhere(fit, held)):
         # Not even with all that came after it does the other record want it.
         tell(f"refused {', '.join(step.name for step in steps)}")
-        fit, steps, refined, dropped = baseline, [], [], []
+        (fit, refined), steps, dropped = nameless, [], []
     return Ladder(
         baseline,
         fit,

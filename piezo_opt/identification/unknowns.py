@@ -193,7 +193,6 @@ def unknowns(question: Identification, start: Values) -> Unknowns:
 def _memories(question: Identification, record: Measurement) -> list[tuple[str, float, float]]:
     """States that may start away from rest, with a size and the farthest start."""
     stroke = float(np.ptp(record.position)) or 1.0
-    swing = float(np.ptp(record.drive)) or 1.0
     found: list[tuple[str, float, float]] = []
     for name, effect in question.model:
         for state, count in effect.states.items():
@@ -205,8 +204,6 @@ def _memories(question: Identification, record: Measurement) -> list[tuple[str, 
             # largest (a contact about to slide).
             if declared.unit == "m":
                 size, reach = 0.05 * stroke, 0.5 * stroke
-            elif declared.unit == "V":
-                size, reach = 0.05 * swing, 0.5 * swing
             elif declared.unit == "1":
                 size, reach = 0.3, 1.5
             else:

@@ -81,10 +81,10 @@ def load(recipe: str, write: Callable[[str], str] = str) -> ctypes.CDLL | None:
     if compiler is None:
         return None
     key = hashlib.sha256(f"{_fingerprint(compiler)}\n{recipe}".encode()).hexdigest()[:32]
-    kept = _open_kept(cache_directory() / key)
-    if kept is not None:
-        return kept
-    text = write(recipe)
+
+    def text() -> str:
+        return write(recipe)
+
     return _load_into(cache_directory(), key, text, compiler) or _load_into(
         Path(_private_directory()), key, text, compiler
     )
@@ -100,7 +100,9 @@ def _private_directory() -> str:
     return path
 
 
-def _load_into(directory: Path, key: str, text: str, compiler: str) -> ctypes.CDLL | None:
+def _load_into(
+    directory: Path, key: str, text: Callable[[], str], compiler: str
+) -> ctypes.CDLL | None:
     kept = directory / key
     loaded = _open_kept(kept)
     if loaded is not None:
@@ -108,7 +110,7 @@ def _load_into(directory: Path, key: str, text: str, compiler: str) -> ctypes.CD
     try:
         kept.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".build_", dir=directory) as scratch:
-            made = _compile(Path(scratch), text, compiler)
+            made = _compile(Path(scratch), text(), compiler)
             if made is None:
                 return None
             os.replace(made, kept / f"{_digest(made)}.so")

@@ -175,6 +175,20 @@ class _Stepped:
             out.append(x)
         return np.array(out), np.zeros(len(out))
 
+    def _ahead(
+        self, c: complex, left: float, right: float, taken: float, time: float
+    ) -> tuple[complex, float, float]:
+        """The mechanics, their position and velocity one sub-step on, forces predicted first."""
+        turn, decay = self._pole.imag, self._pole.real
+        common = self._grown * c + self._early * (left - taken)
+        c = common + self._late * (right - taken)
+        x = c.imag / turn
+        if self._forces:
+            guess = self._taken(x, c.real + decay * x, right, time)
+            c = common + self._late * (right - guess)
+            x = c.imag / turn
+        return c, x, c.real + decay * x
+
     def moving(self, free: Array) -> tuple[Array, Array]:
         """Position and velocity at the nodes."""
         times = self._scene.grid.time.tolist()
@@ -183,19 +197,11 @@ class _Stepped:
         back = self._pole.conjugate()
         c = w - back * x
         xs, ws = [x], [w]
-        turn, decay = self._pole.imag, self._pole.real
         for left, right, time in zip(free[0].tolist(), free[1].tolist(), times[1:], strict=True):
             if self._grips and self._held(right, x, time):
                 c, w = -back * x, 0.0
             else:
-                common = self._grown * c + self._early * (left - taken)
-                c = common + self._late * (right - taken)
-                x = c.imag / turn
-                if self._forces:
-                    guess = self._taken(x, c.real + decay * x, right, time)
-                    c = common + self._late * (right - guess)
-                    x = c.imag / turn
-                w = c.real + decay * x
+                c, x, w = self._ahead(c, left, right, taken, time)
                 taken = self._taken(x, w, right, time)
                 self._keep()
             xs.append(x)
@@ -217,7 +223,7 @@ class _Stepped:
         s = base.gain * drive - loop.h + float(added[0, 0])
         x, taken = self._rest(s, times[0])
         w = slow = quick = before = 0.0
-        conjugate, turn, decay = self._pole.conjugate(), self._pole.imag, self._pole.real
+        conjugate = self._pole.conjugate()
         c = w - conjugate * x
         xs, ws, frees = [x], [w], np.empty_like(ends)
         slower, quicker = np.exp(-step / back.slow), np.exp(-step / back.quick)
@@ -246,14 +252,7 @@ class _Stepped:
                 if held:
                     moved, reached, now = -conjugate * x, x, 0.0
                 else:
-                    common = self._grown * c + self._early * (frees[0, i] - taken)
-                    moved = common + self._late * (s - taken)
-                    reached = moved.imag / turn
-                    if self._forces:
-                        push = self._taken(reached, moved.real + decay * reached, s, time)
-                        moved = common + self._late * (s - push)
-                        reached = moved.imag / turn
-                    now = moved.real + decay * reached
+                    moved, reached, now = self._ahead(c, frees[0, i], s, taken, time)
                 middle = 0.5 * (w + now)
                 after = middle + (slow - middle) * slower
                 half = 0.5 * (slow + after)
