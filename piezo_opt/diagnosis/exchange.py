@@ -12,12 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import final
 
 from piezo_opt.diagnosis.grouping import group_of
 from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, rms
 from piezo_opt.diagnosis.refinements import plausible
-from piezo_opt.diagnosis.rung import STRONG, Rung, adding, bic_gain, judged, race, solved
+from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, adding, bic_gain, judged, race, solved
+from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.shortlist import scored, shortlist
 from piezo_opt.diagnosis.steps import Step
 from piezo_opt.effects.base import Effect
@@ -26,6 +28,16 @@ from piezo_opt.identification import Fit
 
 _LIKELY = 1e-3
 """Corrected p-value below which a rival is fitted."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A fit without one of its steps, the scores there, and the refits with whoever may enter."""
+
+    poorer: Fit
+    suspects: tuple[Suspect, ...]
+    ranked: list[Rung]
 
 
 def exchange(
@@ -37,6 +49,7 @@ def exchange(
     threads: int,
     *,
     last: bool = False,
+    anew: bool = False,
 ) -> tuple[Fit, list[Step], list[tuple[str, str]]]:
     """The ladder with each earlier step in the form of the rival that does better in its place.
 
@@ -49,6 +62,7 @@ def exchange(
         threads: refits that run at a time.
         last: whether the last step was judged beside another step or another base model than
             there are now; else it stays, unless one of the others gives way.
+        anew: whether no step was judged before; all are told and grouped here.
 
     Returns:
         the fit, the steps, and pairs of names: what gave way to what. Twice the same name is the
@@ -57,53 +71,72 @@ def exchange(
     now = list(steps)
     gone: list[tuple[str, str]] = []
     for place, step in enumerate(steps):
-        if place == len(steps) - 1 and not (last or gone):
+        if place == len(steps) - 1 and not (last or anew or gone):
             continue
-        taken, group = _rival(fit, step, held, candidates, threads)
+        seen = _seen(fit, step, candidates, threads)
+        if seen is None:
+            continue
+        rival = _rival(fit, step, seen, held)
+        if rival is not None and rival.suspect is not None:
+            gone.append((step.name, rival.suspect.name))
+            fit = rival.fit
+        taken = rival if rival is not None or not anew else _standing(fit, step, seen)
         if taken is not None and taken.suspect is not None:
-            fit = taken.fit
-            gone.append((step.name, taken.suspect.name))
             now[place] = replace(
-                step, name=taken.suspect.name, effect=taken.suspect.effect, group=group,
+                step, name=taken.suspect.name, effect=taken.suspect.effect,
+                group=group_of(taken, seen.ranked, seen.suspects),
                 p_value=taken.suspect.p_value,
             )  # fmt: skip
+        if rival is not None:
             now = _retold(foot, fit, now, place, held)
-    return fit, now, gone
+    return fit, _retold(foot, fit, now, 0, held) if anew else now, gone
 
 
-def _rival(
-    fit: Fit, step: Step, held: HeldOut, candidates: Sequence[Effect], threads: int
-) -> tuple[Rung | None, tuple[str, ...]]:
-    """Who does better than a step where it stands, and whom the record cannot tell from it.
-
-    The step itself may do better from there, in a form that it did not have; it has precedence
-    over names that are not strongly better.
-    """
+def _seen(fit: Fit, step: Step, candidates: Sequence[Effect], threads: int) -> _Seen | None:
+    """A fit without one of its steps, and who would take its place; None where nobody would."""
     if step.name not in fit.model:
-        return None, ()
+        return None
     question = fit.question.with_model(fit.model.without(step.name))
     try:
         poorer = solved(question, fit.values)
     except (PiezoOptError, ArithmeticError, ValueError):
-        return None, ()
+        return None
     suspects, _ = scored(poorer, candidates, threads)
     likely = [s for s in suspects if s.p_value < _LIKELY]
     if not likely:
-        return None, ()
+        return None
     short = shortlist(likely, suspects)
     own = [s for s in suspects if s.name == step.name and s not in short]
     rungs = race(poorer, [adding(s) for s in (*short, *own)], threads)
     ranked = judged(poorer, [r for r in rungs if plausible(r)])
-    even = [r for r in ranked if ranked[0].delta_bic - r.delta_bic < STRONG]
+    return _Seen(poorer, suspects, ranked)
+
+
+def _rival(fit: Fit, step: Step, seen: _Seen, held: HeldOut) -> Rung | None:
+    """Who does better than a step where it stands.
+
+    The step itself may do better from there, in a form that it did not have; it has precedence
+    over names that are not strongly better.
+    """
+    even = [r for r in seen.ranked if seen.ranked[0].delta_bic - r.delta_bic < STRONG]
     if not even:
-        return None, ()
+        return None
     best = next((r for r in even if r.suspect and r.suspect.name == step.name), even[0])
     if bic_gain(fit, best.fit) < STRONG:
-        return None, ()
+        return None
     before, after = rms(elsewhere(fit, held)), rms(elsewhere(best.fit, held))
     if before is not None and after is not None and not after <= before:
-        return None, ()
-    return best, group_of(best, ranked, suspects)
+        return None
+    return best
+
+
+def _standing(fit: Fit, step: Step, seen: _Seen) -> Rung | None:
+    """A step as it stands, as a rung above the fit without it; None where it cannot be scored."""
+    own = next((s for s in seen.suspects if s.name == step.name), None)
+    if own is None:
+        return None
+    trial = Trial(fit.question, fit.values, replace(own, effect=step.effect))
+    return Rung(trial, fit, bic_gain(seen.poorer, fit))
 
 
 def _retold(foot: Fit, fit: Fit, steps: Sequence[Step], place: int, held: HeldOut) -> list[Step]:

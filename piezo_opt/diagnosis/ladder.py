@@ -15,6 +15,7 @@ from piezo_opt.diagnosis.exchange import exchange
 from piezo_opt.diagnosis.grouping import group_of
 from piezo_opt.diagnosis.held_out import FOREIGN, HeldOut, agrees, elsewhere, error_on, rms
 from piezo_opt.diagnosis.noise import noise_floor
+from piezo_opt.diagnosis.pairs import pair
 from piezo_opt.diagnosis.prune import prune
 from piezo_opt.diagnosis.refinements import lean, plausible, refinements, with_base_details
 from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, adding, race
@@ -109,11 +110,28 @@ def climb(
     foot = error = error_on(fit, held.record)
     nameless = fit, refined
     bar = SIGNIFICANT if held.record is not None else SHORT
+    ended = paired = False
     for _ in range(_MOST_ROUNDS):
+        if not paired and (ended or len(steps) > 1) and _astray(fit, held):
+            paired = True
+            tell("fitting every two effects together")
+            both = pair(baseline, fit, held, candidates, threads)
+            if both is not None:
+                fit, taken_together = both
+                names = [step.name for step in taken_together]
+                tell(f"accepted {' and '.join(names)} together")
+                dropped += [step.name for step in steps if step.name not in names]
+                steps, ended, unconfirmed = taken_together, False, False
+                refined += _freed(baseline, fit)
+                error = elsewhere(fit, held)
+                now, _ = scored(fit, candidates, threads)
+        if ended:
+            break
         rungs = _refits(fit, held, now, first=not steps, bar=bar, tell=tell, threads=threads)
         chosen = _chosen(fit, error, _order(rungs, held, threads), first=not steps)
         if chosen is None:
-            break
+            ended = True
+            continue
         taken, after = chosen
         suspect = taken.suspect
         if suspect is not None and not steps:
@@ -170,7 +188,7 @@ def climb(
         fit,
         tuple(replace(step, fit=with_statistics(step.fit)) for step in steps),
         by_name(suspects),
-        unscored,
+        tuple(u for u in unscored if u.name not in fit.model),
         tuple(name for name in refined if name.split(".")[0] in fit.model),
         tuple(dropped),
     )
@@ -224,6 +242,8 @@ def _refits(
         tell(f"{_refitting(more)}{', and all from a fresh start' if lost else ''}")
         bent = [with_base_details(adding(s)) for s in more]
         fresh = entrants(fit, held.question, suspects) if lost else []
+        if not first:
+            fresh = [with_base_details(trial) for trial in fresh]
         rungs += race(fit, [*bent, *fresh], threads)
     return contest(fit, [r for r in rungs if plausible(r)], held.question, threads)
 
@@ -254,11 +274,15 @@ def _chosen(
     return None
 
 
-def _of_base(before: Fit, after: Fit) -> list[str]:
-    """What was refined of the base model beside an effect: mechanics that joined, details freed."""
+def _freed(before: Fit, after: Fit) -> list[str]:
+    """What was refined on the way from one fit to another: mechanics that joined, details freed."""
     joined = [n for n, e in after.model if e.structural and n not in before.model]
-    free = [k for k in after.question.free if k not in before.question.free]
-    return [*joined, *(k for k in free if after.model[k.split(".")[0]].structural)]
+    return [*joined, *(k for k in after.question.free if k not in before.question.free)]
+
+
+def _of_base(before: Fit, after: Fit) -> list[str]:
+    """What was refined of the base model alone."""
+    return [k for k in _freed(before, after) if after.model[k.split(".")[0]].structural]
 
 
 def _refitting(suspects: Sequence[Suspect]) -> str:
@@ -269,13 +293,18 @@ def _refitting(suspects: Sequence[Suspect]) -> str:
 def _unsettled(fit: Fit, *, first: bool) -> bool:
     """Whether a residual may yet be no noise: it shows structure, or (at first) it is slow."""
     floor = noise_floor(fit)
-    return (first and fit.rms > _ABOVE * floor.rms) or structure(fit, floor).left
+    return fit.rms > (_ABOVE if first else _LOST) * floor.rms or structure(fit, floor).left
 
 
 def _mispredicts(fit: Fit, held: HeldOut, times: float) -> bool:
     """Whether a fit explains one record and not the other: it may be bent to do so."""
     there = rms(elsewhere(fit, held))
     return there is not None and there > times * fit.rms
+
+
+def _astray(fit: Fit, held: HeldOut) -> bool:
+    """Whether a fit leaves far more than noise, or explains one record and not the other."""
+    return fit.rms > _LOST * noise_floor(fit).rms or _mispredicts(fit, held, FOREIGN)
 
 
 def _order(

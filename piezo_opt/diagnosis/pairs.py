@@ -1,0 +1,201 @@
+"""Two effects at once, where one after the other ends in what nothing explains.
+
+Two effects together may explain what neither of them does alone: beside a base model that lacks
+the second, the first looks like something else, and what is found then stands in the way of both.
+So every two of the likeliest candidates are fitted together, each beside a base model that has not
+been bent to do without them. A pair is believed only if it leaves nothing but noise, on both
+records, where one step after the other left far more.
+
+Source: Miller (2002), Subset Selection in Regression, 2nd ed., ch. 3 (two variables that predict
+together and neither alone; searches over pairs beside sequential ones).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.diagnosis.exchange import exchange
+from piezo_opt.diagnosis.held_out import FOREIGN, HeldOut, elsewhere, rms
+from piezo_opt.diagnosis.noise import noise_floor
+from piezo_opt.diagnosis.refinements import (
+    EXPLAINED,
+    lean,
+    plausible,
+    refinements,
+    with_base_details,
+)
+from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain, race
+from piezo_opt.diagnosis.steps import Step
+from piezo_opt.diagnosis.structure import structure
+from piezo_opt.effects.base import Effect, Place
+from piezo_opt.effects.model import Model
+from piezo_opt.effects.motion.second_order import SecondOrder
+from piezo_opt.effects.motion.spring import Spring
+from piezo_opt.errors import PiezoOptError
+from piezo_opt.identification import Fit, Identification
+from piezo_opt.identification.monitor import Monitor
+from piezo_opt.identification.starting import starting_values
+
+FloatArray = NDArray[np.float64]
+
+_MOST = 14
+"""Candidates that are paired."""
+_SAME = 0.98
+"""Cosine between what two candidates change alone, from which one of them is paired for both."""
+_FINISHED = 3
+"""Pairs that are brought to their best."""
+_SLOW = 1.5
+"""Error over the floor up to which what shows no structure may be slow noise."""
+_ROUNDS = 4
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Alone:
+    """A candidate alone beside the base model at the foot.
+
+    Attributes:
+        effect: the candidate.
+        ground: the mechanics that joined for its sake, None where it needs none.
+        trial: its question and its start.
+        fit: its fit.
+    """
+
+    effect: Effect
+    ground: Effect | None
+    trial: Trial
+    fit: Fit
+
+
+def pair(
+    foot: Fit, end: Fit, held: HeldOut, candidates: Sequence[Effect], threads: int
+) -> tuple[Fit, list[Step]] | None:
+    """Two effects that leave nothing but noise where a ladder left more; None where none do.
+
+    Args:
+        foot: the fit at the foot of the ladder.
+        end: the fit at its end.
+        held: what decides beside BIC.
+        candidates: effects that may be added; each form of one is one.
+        threads: refits that run at a time.
+
+    Returns:
+        the fit with both, and the two steps, the one that does more alone first.
+    """
+    likely = _likely(foot, _alone(foot, held.question, candidates, threads))
+    trials = [_both(held.question, a, b) for a, b in combinations(likely, 2)]
+    rungs = [r for r in race(end, [t for t in trials if t is not None], threads) if plausible(r)]
+    closest = sorted(rungs, key=_rms)[:_FINISHED]
+    finished = [_finished(foot, end, rung, threads) for rung in closest]
+    believed = [rung for rung in finished if _believed(rung.fit, end, held)]
+    if not believed:
+        return None
+    best = min(believed, key=_rms).fit
+    names = list(dict.fromkeys(a.effect.name for a in likely if a.effect.name in best.model))
+    steps = [_step(foot, best, name) for name in names]
+    fit, steps, _ = exchange(foot, best, steps, held, candidates, threads, anew=True)
+    return fit, steps
+
+
+def _alone(
+    foot: Fit, question: Identification, candidates: Iterable[Effect], threads: int
+) -> list[_Alone]:
+    """Each candidate fitted alone from a fresh start, with mechanics where it needs some."""
+
+    def begun(one: tuple[Effect, Effect | None]) -> tuple[Effect, Effect | None, Trial] | None:
+        effect, ground = one
+        asked = question.with_model(_on(question.model, ground) + effect)
+        with suppress(PiezoOptError, ArithmeticError, ValueError):
+            return effect, ground, Trial(asked, starting_values(asked, Monitor(())))
+        return None
+
+    channels = tuple(question.campaign.records[0].channels)
+    asked = [(e, g) for e in candidates for g in _grounds(question.model, e, channels)]
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        trials = [one for one in pool.map(begun, asked) if one is not None]
+    of = {id(trial): (effect, ground) for effect, ground, trial in trials}
+    rungs = race(foot, [trial for _, _, trial in trials], threads)
+    return [_Alone(*of[id(rung.trial)], rung.trial, rung.fit) for rung in rungs]
+
+
+def _grounds(model: Model, effect: Effect, channels: tuple[str, ...]) -> list[Effect | None]:
+    """Mechanics on which a candidate can act: those of the model, or what may join it."""
+    if model.refusal(effect, channels) is None:
+        return [None]
+    joining: list[Effect] = [SecondOrder()]
+    if effect.place is Place.MOTION:
+        joining.append(Spring())
+    return [g for g in joining if (model + g).refusal(effect, channels) is None]
+
+
+def _on(model: Model, ground: Effect | None) -> Model:
+    return model if ground is None else model + ground
+
+
+def _likely(foot: Fit, alone: Sequence[_Alone]) -> list[_Alone]:
+    """The candidates that do most alone, one of those that do the same."""
+    taken: list[_Alone] = []
+    changes: list[FloatArray] = []
+    for one in sorted(alone, key=lambda a: a.fit.rms):
+        change = foot.residuals - one.fit.residuals
+        unit = change / (float(np.linalg.norm(change)) or 1.0)
+        if len(taken) < _MOST and all(abs(float(unit @ other)) < _SAME for other in changes):
+            taken.append(one)
+            changes.append(unit)
+    return taken
+
+
+def _both(question: Identification, a: _Alone, b: _Alone) -> Trial | None:
+    """Two candidates beside one base model; None for one candidate twice, or on two mechanics."""
+    grounds = {type(one.ground): one.ground for one in (a, b) if one.ground is not None}
+    if a.effect.name == b.effect.name or len(grounds) > 1:
+        return None
+    ground = next(iter(grounds.values()), None)
+    joined = _on(question.model, ground)
+    first, second = (a, b) if a.ground is not None else (b, a)
+    start = {**second.trial.start, **first.trial.start}
+    refines = joined.names[len(question.model.names) :]
+    trial = Trial(question.with_model(joined + a.effect + b.effect), start)
+    # What was freed in vain is fixed again, and says nothing against the pair.
+    return replace(with_base_details(trial), refines=refines)
+
+
+def _finished(foot: Fit, end: Fit, rung: Rung, threads: int) -> Rung:
+    """A pair in the detail that it pays for."""
+    best = lean(foot, rung)
+    for _ in range(_ROUNDS):
+        finer = [r for r in race(best.fit, refinements(best.fit), threads) if plausible(r)]
+        top = max(finer, key=lambda r: r.delta_bic, default=None)
+        if top is None or top.delta_bic < STRONG:
+            break
+        best = replace(best, fit=top.fit, delta_bic=bic_gain(end, top.fit))
+    return best
+
+
+def _believed(fit: Fit, end: Fit, held: HeldOut) -> bool:
+    """Whether a pair leaves but noise, on the other record too, and more than pays for itself."""
+    floor = noise_floor(fit)
+    noise = fit.rms <= EXPLAINED * floor.rms or (
+        fit.rms <= _SLOW * floor.rms and not structure(fit, floor).left
+    )
+    if not noise or bic_gain(end, fit) < STRONG:
+        return False
+    before, after = rms(elsewhere(end, held)), rms(elsewhere(fit, held))
+    return before is None or after is None or (after < before and after < FOREIGN * fit.rms)
+
+
+def _step(foot: Fit, fit: Fit, name: str) -> Step:
+    """A step whose errors are still to be told."""
+    return Step(name, fit.model[name], (name,), foot.rms, fit.rms, None, None, 0.0, 1.0, fit)
+
+
+def _rms(rung: Rung) -> float:
+    return rung.fit.rms
