@@ -1,0 +1,95 @@
+"""Two effects that neither of them shows alone, found together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import piezo_opt as po
+from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
+from piezo_opt.diagnosis.ladder import climb
+from piezo_opt.diagnosis.pairs import pair
+from piezo_opt.effects import (
+    AmplifierLag,
+    ChargeBackCoupling,
+    Creep,
+    Effect,
+    NonlinearGain,
+    SecondMode,
+    SecondOrder,
+    SensorLag,
+)
+from piezo_opt.measurement import FloatArray
+from tests.diagnosis.plants import MOVING, NOISE, STILL, TRUTH, clock, measured
+
+CHARGE = ChargeBackCoupling(), {"kappa": 2e4, "tau": 4e-3}
+BENT = NonlinearGain(), {"k2": -5e-11}
+MODE = SecondMode(), {"g": 0.08, "omega": 2.0 * np.pi * 110.0, "zeta": 0.02}
+OFFERED: list[Effect] = [
+    Creep(elements=1), AmplifierLag(), SensorLag(), NonlinearGain(), SecondMode(),
+    ChargeBackCoupling(),
+]  # fmt: skip
+
+
+def chirp(time: FloatArray, first: float, last: float) -> FloatArray:
+    """Between 10 and 70 V, of rising frequency [Hz]."""
+    span = float(time[-1])
+    phase = 2.0 * np.pi * (first * time + (last - first) * time**2 / (2.0 * span))
+    return np.asarray(40.0 - 30.0 * np.cos(phase))
+
+
+def below_resonance() -> tuple[po.Fit, HeldOut]:
+    """A fit without mechanics of a record that ends below the resonance, and one beyond it."""
+    time = clock(3000)
+    train = measured(MOVING, time, chirp(time, 0.5, 20.0), CHARGE, BENT)
+    test = measured(MOVING, time, chirp(time, 0.5, 90.0), CHARGE, BENT, seed=1, name="test")
+    question = po.Identification(STILL, train)
+    return po.solve(question), hold_out(question, test)
+
+
+def test_forces_and_gain_are_found_together_with_the_mechanics_they_need() -> None:
+    foot, held = below_resonance()
+    assert foot.rms > 5.0 * NOISE
+    found = pair(foot, foot, held, OFFERED, threads=2)
+    assert found is not None
+    fit, steps = found
+    assert {step.name for step in steps} == {"charge_back_coupling", "nonlinear_gain"}
+    assert any(isinstance(effect, SecondOrder) for _, effect in fit.model)
+    assert fit.rms == pytest.approx(NOISE, rel=0.03)
+    assert fit.values["second_order.omega"] == pytest.approx(TRUTH["second_order.omega"], rel=0.02)
+    assert fit.values["nonlinear_gain.k2"] == pytest.approx(BENT[1]["k2"], rel=0.05)
+    # Each step is told from the foot to the fit with both.
+    first, second = steps
+    assert first.rms_before == foot.rms
+    assert first.rms_after == second.rms_before
+    assert foot.rms > first.rms_after > 2.0 * second.rms_after
+    assert second.rms_after == fit.rms
+    assert second.held_out_after == rms(error_on(fit, held.record))
+    assert max(step.p_value for step in steps) < 1e-6
+    assert first.group[0] == first.name
+
+
+def test_a_pair_that_leaves_more_than_noise_is_not_believed() -> None:
+    foot, held = below_resonance()
+    others = [e for e in OFFERED if e.name != "charge_back_coupling"]
+    assert pair(foot, foot, held, others, threads=2) is None
+
+
+def test_a_pair_that_the_other_record_contradicts_is_not_believed() -> None:
+    foot, held = below_resonance()
+    time = clock(3000)
+    # What is held out is of another plant: without the charge.
+    other = measured(MOVING, time, chirp(time, 0.5, 90.0), BENT, seed=1, name="other plant")
+    assert pair(foot, foot, hold_out(held.question, other), OFFERED, threads=2) is None
+
+
+def test_a_ladder_that_ends_astray_is_climbed_two_effects_at_a_time() -> None:
+    foot, held = below_resonance()
+    told: list[str] = []
+    ladder = climb(foot, held, OFFERED, told.append)
+    assert {step.name for step in ladder.steps} == {"charge_back_coupling", "nonlinear_gain"}
+    assert "second_order" in ladder.refined
+    assert ladder.final.rms == pytest.approx(NOISE, rel=0.03)
+    # What stands in the ladder is no longer said to be out of sight.
+    assert "charge_back_coupling" not in {one.name for one in ladder.unscored}
+    assert "fitting every two effects together" in told, told
