@@ -18,12 +18,13 @@ from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.pairs import pair
 from piezo_opt.diagnosis.prune import prune
 from piezo_opt.diagnosis.refinements import lean, plausible, refinements, with_base_details
-from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, adding, race
+from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, adding, bic_gain, race, solved
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name
 from piezo_opt.diagnosis.shortlist import entrants, further, scored, shortlist
-from piezo_opt.diagnosis.steps import Step, shaped_further, step_to
+from piezo_opt.diagnosis.steps import Step, shaped_further, step_to, topped
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Effect
+from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, with_statistics
 
 FloatArray = NDArray[np.float64]
@@ -145,6 +146,15 @@ def climb(
             # Rivals pay for the base model's details, so the taken one is compared with them too.
             group = group_of(taken, rungs, now)
             taken = lean(fit, taken)
+            alone = _unaided(taken) if steps else None
+            if alone is not None:
+                tell(f"refitted from where {suspect.name} had led")
+                refined += _freed(fit, alone)
+                fit, error = alone, elsewhere(alone, held)
+                steps[-1] = topped(steps[-1], fit, rms(error))
+                touched = True
+                now, _ = scored(fit, candidates, threads)
+                continue
             after = elsewhere(taken.fit, held)
             refined += _of_base(fit, taken.fit)
             halved = taken.fit.rms < _SHAPING * fit.rms
@@ -274,6 +284,20 @@ def _chosen(
     return None
 
 
+def _unaided(rung: Rung) -> Fit | None:
+    """The fit without a rung's effect that does as well from where the effect had led; else None.
+
+    A search that is stuck is led out by any effect; what it finds then needs none.
+    """
+    assert rung.suspect is not None
+    question = rung.fit.question.with_model(rung.fit.model.without(rung.suspect.name))
+    try:
+        alone = solved(question, rung.fit.values)
+    except (PiezoOptError, ArithmeticError, ValueError):
+        return None
+    return alone if bic_gain(alone, rung.fit) < STRONG else None
+
+
 def _freed(before: Fit, after: Fit) -> list[str]:
     """What was refined on the way from one fit to another: mechanics that joined, details freed."""
     joined = [n for n, e in after.model if e.structural and n not in before.model]
@@ -303,8 +327,9 @@ def _mispredicts(fit: Fit, held: HeldOut, times: float) -> bool:
 
 
 def _astray(fit: Fit, held: HeldOut) -> bool:
-    """Whether a fit leaves far more than noise, or explains one record and not the other."""
-    return fit.rms > _LOST * noise_floor(fit).rms or _mispredicts(fit, held, FOREIGN)
+    """Whether a fit leaves far more than noise, or somewhat more and misses the other record."""
+    over = fit.rms / noise_floor(fit).rms
+    return over > _LOST or (over > _NOISY and _mispredicts(fit, held, FOREIGN))
 
 
 def _order(

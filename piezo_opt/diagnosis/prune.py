@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 
 from piezo_opt.diagnosis.contest import forgetful
 from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, rms
 from piezo_opt.diagnosis.refinements import plausible, shape_refinements
 from piezo_opt.diagnosis.rung import STRONG, WORTH, Trial, bic_gain, race
-from piezo_opt.diagnosis.steps import Step, renamed, without
+from piezo_opt.diagnosis.steps import Step, renamed, topped, without
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
@@ -57,7 +56,8 @@ def prune(
             fit = least
             left = renamed(kept, step, shapes[0], fit) if shapes else without(kept, step)
             dropped.append(name)
-            kept = [*left[:-1], *(_topped(top, fit, held) for top in left[-1:])]
+            there = rms(elsewhere(fit, held))
+            kept = [*left[:-1], *(topped(top, fit, there) for top in left[-1:])]
     return fit, kept, dropped
 
 
@@ -97,12 +97,6 @@ def _spare(poorer: Fit, fit: Fit, held: HeldOut) -> bool:
 
 def _rms(fit: Fit) -> float:
     return fit.rms
-
-
-def _topped(step: Step, fit: Fit, held: HeldOut) -> Step:
-    """The last step, which ends at this fit."""
-    held_out = rms(elsewhere(fit, held))
-    return replace(step, rms_after=fit.rms, held_out_after=held_out, fit=fit)
 
 
 def _jointly(name: str) -> Callable[[Identification, Monitor], Values]:

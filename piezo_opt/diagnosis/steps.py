@@ -82,8 +82,12 @@ def shaped_further(
         group=tuple(dict.fromkeys((*shaped[same].group, taken.suspect.name))),
         delta_bic=shaped[same].delta_bic + taken.delta_bic,
     )
-    top = replace(shaped[-1], rms_after=taken.fit.rms, held_out_after=rms(after), fit=taken.fit)
-    return [*shaped[:-1], top]
+    return [*shaped[:-1], topped(shaped[-1], taken.fit, rms(after))]
+
+
+def topped(step: Step, fit: Fit, held_out: float | None) -> Step:
+    """The last step, which ends at this fit and its held-out error [m]."""
+    return replace(step, rms_after=fit.rms, held_out_after=held_out, fit=fit)
 
 
 def without(steps: Sequence[Step], spare: Step) -> list[Step]:

@@ -258,6 +258,7 @@ def test_names_are_asked_for_again_at_the_end_where_details_came_after_them(
     monkeypatch.setattr(ladder, "with_statistics", lambda found: found)
     monkeypatch.setattr(ladder, "exchange", lambda _, found, steps, *__, **___: (found, steps, []))
     monkeypatch.setattr(ladder, "prune", pruned)
+    monkeypatch.setattr(ladder, "pair", lambda *_: None)
     ladder.climb(fit(10.0), UNJUDGED, (), threads=1)
     assert asked == ([False, True] if refined else [False])
 

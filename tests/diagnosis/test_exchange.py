@@ -126,11 +126,14 @@ def test_the_last_step_is_asked_only_where_it_was_judged_beside_something_else(
     def rival(_: object, step: Any, *__: object) -> Any:
         asked.append(step.name)
         if step.name != gives_way:
-            return None, ()
+            return None
         other = SimpleNamespace(name="other", effect=None, p_value=0.0)
-        return SimpleNamespace(fit=None, suspect=other), ()
+        return SimpleNamespace(fit=None, suspect=other)
 
+    seen = SimpleNamespace(ranked=(), suspects=())
+    monkeypatch.setattr(module, "_seen", lambda *_: seen)
     monkeypatch.setattr(module, "_rival", rival)
+    monkeypatch.setattr(module, "group_of", lambda *_: ())
     monkeypatch.setattr(module, "elsewhere", lambda *_: None)
     monkeypatch.setattr(module, "_retold", lambda _, __, steps, *___: steps)
     monkeypatch.setattr(module, "replace", lambda step, **_: step)

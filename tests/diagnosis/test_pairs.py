@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
-from piezo_opt.diagnosis.ladder import climb
+from piezo_opt.diagnosis.ladder import _unaided, climb
 from piezo_opt.diagnosis.pairs import pair
+from piezo_opt.diagnosis.rung import Rung, Trial
 from piezo_opt.effects import (
     AmplifierLag,
     ChargeBackCoupling,
@@ -36,6 +41,10 @@ def chirp(time: FloatArray, first: float, last: float) -> FloatArray:
     span = float(time[-1])
     phase = 2.0 * np.pi * (first * time + (last - first) * time**2 / (2.0 * span))
     return np.asarray(40.0 - 30.0 * np.cos(phase))
+
+
+def _named(effect: tuple[Effect, Mapping[str, float]]) -> dict[str, float]:
+    return {f"{effect[0].name}.{k}": v for k, v in effect[1].items()}
 
 
 def below_resonance() -> tuple[po.Fit, HeldOut]:
@@ -93,3 +102,30 @@ def test_a_ladder_that_ends_astray_is_climbed_two_effects_at_a_time() -> None:
     # What stands in the ladder is no longer said to be out of sight.
     assert "charge_back_coupling" not in {one.name for one in ladder.unscored}
     assert "fitting every two effects together" in told, told
+
+
+def test_what_leads_a_stuck_search_out_is_not_named() -> None:
+    """A second mode found in the wrong place leaves more than noise, and any effect leads on."""
+    time = clock(3000)
+    truth = SecondMode(), {"g": 0.3, "omega": 2.0 * np.pi * 110.0, "zeta": 0.02}
+    model = MOVING + SecondMode()
+    train = measured(MOVING, time, chirp(time, 0.5, 150.0), truth)
+    right = po.solve(po.Identification(model, train), start={**TRUTH, **_named(truth)})
+    question = po.Identification(model + AmplifierLag(), train)
+    led = po.solve(question, start={**right.values, "amplifier_lag.share": 0.05})
+    lag: Any = SimpleNamespace(name="amplifier_lag")
+    rung = Rung(Trial(question, led.values, lag), led, 100.0)
+    alone = _unaided(rung)
+    assert alone is not None
+    assert "amplifier_lag" not in alone.model
+    assert alone.rms == pytest.approx(NOISE, rel=0.03)
+
+
+def test_what_carries_its_share_is_no_mere_help() -> None:
+    time = clock(3000)
+    lag = AmplifierLag(), {"share": 1.0, "tau": 2e-3}
+    train = measured(MOVING, time, chirp(time, 0.5, 90.0), lag)
+    question = po.Identification(MOVING + AmplifierLag(), train)
+    fit = po.solve(question, start={**TRUTH, **_named(lag)})
+    name: Any = SimpleNamespace(name="amplifier_lag")
+    assert _unaided(Rung(Trial(question, fit.values, name), fit, 100.0)) is None
