@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from piezo_opt.diagnosis import grouping, ladder
+from piezo_opt.diagnosis import choice, grouping, ladder
 from piezo_opt.diagnosis.grouping import group_of
 from piezo_opt.diagnosis.held_out import HeldOut, rms
 from piezo_opt.diagnosis.rung import Rung, Trial
@@ -59,7 +59,7 @@ def label(rung: Rung) -> str:
 
 
 def asked(rungs: Sequence[Rung], held: HeldOut = JUDGED) -> list[str]:
-    return [label(rung) for rung, _ in ladder._order(rungs, held, 1)]
+    return [label(rung) for rung, _ in choice.ordered(rungs, held, 1)]
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def judged(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         seen.append(of.rms)
         return np.array([of.elsewhere, -of.elsewhere])
 
-    monkeypatch.setattr(ladder, "elsewhere", elsewhere)
+    monkeypatch.setattr(choice, "elsewhere", elsewhere)
     return seen
 
 
@@ -83,7 +83,7 @@ def test_both_records_decide_which_is_best() -> None:
         effect("bent", 1.0, 4.0), effect("stiff", 1.6, 2.2), effect("fair", 1.2, 2.5),
     ]  # fmt: skip
     assert asked(rungs) == ["fair", "stiff", "bent"]
-    pairs = ladder._order(rungs, JUDGED, 2)
+    pairs = choice.ordered(rungs, JUDGED, 2)
     assert [rms(error) for _, error in pairs] == pytest.approx([2.5, 2.2, 4.0])
     assert asked([]) == []
 
@@ -129,7 +129,7 @@ def test_with_nothing_held_out_the_order_is_that_of_bic(judged: list[float]) -> 
     assert asked(rungs, UNJUDGED) == ["first", "closest", "third"]
     near, far = detail("near", 1.029), detail("far", 1.031)
     assert asked([*rungs, far, near], UNJUDGED) == ["near", "first", "closest", "third", "far"]
-    assert all(error is None for _, error in ladder._order(rungs, UNJUDGED, 1))
+    assert all(error is None for _, error in choice.ordered(rungs, UNJUDGED, 1))
     assert judged == []
 
 
@@ -149,7 +149,7 @@ def test_what_cannot_be_simulated_elsewhere_is_asked_last(
     monkeypatch.setattr(sound.fit, "predict", lambda _, **_way: np.zeros(3), raising=False)
     monkeypatch.setattr(broken.fit, "predict", lost, raising=False)
     held = replace(JUDGED, record=record)
-    (first, error), (last, none) = ladder._order([broken, sound], held, 1)
+    (first, error), (last, none) = choice.ordered([broken, sound], held, 1)
     assert (label(first), label(last)) == ("sound", "broken")
     assert (rms(error), rms(none)) == (1.0, np.inf)
 
@@ -157,7 +157,7 @@ def test_what_cannot_be_simulated_elsewhere_is_asked_last(
 @pytest.fixture
 def unit_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of every fit the noise is 1."""
-    for room in (ladder, grouping):
+    for room in (choice, grouping):
         monkeypatch.setattr(room, "noise_floor", lambda _: SimpleNamespace(rms=1.0))
 
 
@@ -226,10 +226,10 @@ def test_a_name_asks_for_six_percent_of_the_error_and_a_detail_for_two(
 ) -> None:
     """The same rung in every round: from the second on it wins nothing more."""
     monkeypatch.setattr(ladder, "scored", lambda *_: ((), ()))
-    monkeypatch.setattr(ladder, "refinements", lambda *_: [offered.trial])
-    monkeypatch.setattr(ladder, "race", lambda *_: [offered])
-    monkeypatch.setattr(ladder, "settled", lambda _: True)
-    monkeypatch.setattr(ladder, "contest", lambda _, rungs, *__: rungs)
+    monkeypatch.setattr(choice, "refinements", lambda *_: [offered.trial])
+    monkeypatch.setattr(choice, "race", lambda *_: [offered])
+    monkeypatch.setattr(choice, "settled", lambda _: True)
+    monkeypatch.setattr(choice, "contest", lambda _, rungs, *__: rungs)
     monkeypatch.setattr(ladder, "with_statistics", lambda found: found)
     foot = fit(1.0)
     climbed = ladder.climb(foot, UNJUDGED, (), threads=1)
@@ -251,10 +251,10 @@ def test_names_are_asked_for_again_at_the_end_where_details_came_after_them(
         return found, list(steps), []
 
     monkeypatch.setattr(ladder, "scored", lambda *_: ((), ()))
-    monkeypatch.setattr(ladder, "refinements", lambda *_: [detail("any", 1.0).trial])
-    monkeypatch.setattr(ladder, "race", lambda *_: next(rounds, []))
-    monkeypatch.setattr(ladder, "settled", lambda _: True)
-    monkeypatch.setattr(ladder, "contest", lambda _, rungs, *__: rungs)
+    monkeypatch.setattr(choice, "refinements", lambda *_: [detail("any", 1.0).trial])
+    monkeypatch.setattr(choice, "race", lambda *_: next(rounds, []))
+    monkeypatch.setattr(choice, "settled", lambda _: True)
+    monkeypatch.setattr(choice, "contest", lambda _, rungs, *__: rungs)
     monkeypatch.setattr(ladder, "with_statistics", lambda found: found)
     monkeypatch.setattr(ladder, "exchange", lambda _, found, steps, *__, **___: (found, steps, []))
     monkeypatch.setattr(ladder, "prune", pruned)
@@ -282,16 +282,16 @@ def test_who_explains_one_record_and_not_the_other_has_every_effect_asked(
     """
     asked: list[object] = []
     near = effect("bent", error, elsewhere)
-    monkeypatch.setattr(ladder, "refinements", lambda _: [near.trial])
-    monkeypatch.setattr(ladder, "race", lambda *_: [near])
-    monkeypatch.setattr(ladder, "settled", lambda _: calm)
-    monkeypatch.setattr(ladder, "_unsettled", lambda *_, **__: False)
-    monkeypatch.setattr(ladder, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
-    monkeypatch.setattr(ladder, "entrants", lambda *given: asked.append(given[2]) or [])
-    monkeypatch.setattr(ladder, "contest", lambda _, rungs, *__: rungs)
+    monkeypatch.setattr(choice, "refinements", lambda _: [near.trial])
+    monkeypatch.setattr(choice, "race", lambda *_: [near])
+    monkeypatch.setattr(choice, "settled", lambda _: calm)
+    monkeypatch.setattr(choice, "_unsettled", lambda *_, **__: False)
+    monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
+    monkeypatch.setattr(choice, "entrants", lambda *given: asked.append(given[2]) or [])
+    monkeypatch.setattr(choice, "contest", lambda _, rungs, *__: rungs)
     everybody = (suspect("drift"),)
     everybody[0].score = 0.0
-    ladder._refits(
+    choice.refits(
         fit(9.0), JUDGED, everybody, first=True, bar=-1.0, tell=lambda _: None, threads=1
     )
     assert asked == ([everybody] if asked_again else [])
@@ -313,4 +313,4 @@ def test_what_is_found_first_may_leave_another_record_as_it_was(
     before = random.normal(size=500)
     after = elsewhere * before * np.sign(random.normal(size=500))
     ordered = [(effect("dead_zone", error), after)]
-    assert (ladder._chosen(fit(1.0), before, ordered, first=first) is not None) == taken
+    assert (choice.chosen(fit(1.0), before, ordered, first=first) is not None) == taken

@@ -1,0 +1,200 @@
+"""One step of the ladder: who is refitted, who is asked first, and who is worth its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.diagnosis.contest import contest, settled
+from piezo_opt.diagnosis.held_out import FOREIGN, HeldOut, agrees, elsewhere, rms
+from piezo_opt.diagnosis.noise import noise_floor
+from piezo_opt.diagnosis.refinements import plausible, refinements, with_base_details
+from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, adding, race
+from piezo_opt.diagnosis.scores import Suspect
+from piezo_opt.diagnosis.shortlist import entrants, further, shortlist
+from piezo_opt.diagnosis.structure import structure
+from piezo_opt.identification import Fit
+
+FloatArray = NDArray[np.float64]
+
+SIGNIFICANT = 1e-3
+"""Corrected p-value below which a suspect is worth a refit."""
+SHORT = 0.05
+"""The same where nothing is held out: long-run variances of a few dozen samples say little, and
+strong evidence after the refit asks for more than this by itself."""
+_DETAIL = 0.02
+"""Share by which the error must fall for more detail of what the model has."""
+_TOLERATED = 1.1
+"""Held-out error over that before up to which a detail is taken."""
+_ABOVE = 1.3
+"""Residual over the floor at the highest frequencies from which it may be no noise."""
+_HALVED = 0.5
+"""Error over that before below which far more has been explained than is left."""
+_IN_SIGHT = 2.0
+"""Error over the best rung's beyond which a rung is not asked for its held-out error."""
+_ENOUGH = 1.03
+"""Error over the best rung's up to which no other effect is asked for."""
+_AS_WELL = 1.01
+"""Held-out error over the best rung's up to which another one predicts as well."""
+_LOST = 2.0
+"""Error of the closest refit over the floor beyond which every effect is tried afresh."""
+_DOUBTFUL, _NOISY = 1.3, 1.1
+"""Held-out error of the closest refit over its own beyond which the same is done, where that one
+leaves no more than so many times the floor; where it leaves what may be slow noise, that of another
+record (``FOREIGN``)."""
+
+
+def refits(
+    fit: Fit,
+    held: HeldOut,
+    suspects: Sequence[Suspect],
+    *,
+    first: bool,
+    bar: float,
+    tell: Callable[[str], None],
+    threads: int,
+) -> list[Rung]:
+    """Refits with what a fit may be missing, each brought as far as it can be, best BIC first.
+
+    Args:
+        fit: the fit.
+        held: whose question is that at the foot of the ladder.
+        suspects: scores of all absent effects at the fit.
+        first: whether nothing has been found yet.
+        bar: p-value below which a suspect is worth a refit.
+        tell: called with a sentence about what is going on.
+        threads: refits that run at a time.
+    """
+    likely = [s for s in suspects if s.p_value < bar]
+    short = shortlist(likely, suspects) if likely else []
+    trials = refinements(fit)
+    rungs: list[Rung] = []
+    if short or trials:
+        tell(_refitting(short))
+        rungs = race(fit, [*trials, *(with_base_details(adding(s)) for s in short)], threads)
+    closest = min((r.fit for r in rungs), key=lambda f: f.rms, default=fit)
+    floor = noise_floor(closest).rms
+    calm = settled(closest)
+    doubtful = closest is not fit and (
+        (closest.rms < _NOISY * floor and _mispredicts(closest, held, _DOUBTFUL))
+        or (calm and _mispredicts(closest, held, FOREIGN))
+    )
+    if doubtful or (not calm and _unsettled(fit, first=first)):
+        # Scores are taken at a fit that has been bent, and slow residuals leave none of them
+        # significant: let refits tell.
+        more = further(suspects, short)
+        lost = doubtful or closest.rms > _LOST * floor
+        tell(f"{_refitting(more)}{', and all from a fresh start' if lost else ''}")
+        bent = [with_base_details(adding(s)) for s in more]
+        fresh = entrants(fit, held.question, suspects) if lost else []
+        if not first:
+            fresh = [with_base_details(trial) for trial in fresh]
+        rungs += race(fit, [*bent, *fresh], threads)
+    return contest(fit, [r for r in rungs if plausible(r)], held.question, threads)
+
+
+def ordered(
+    rungs: Sequence[Rung], held: HeldOut, threads: int
+) -> list[tuple[Rung, FloatArray | None]]:
+    """Rungs and their held-out errors: best first by both records, fitted and held out.
+
+    A rung that bends the base model fits well and predicts badly; neither error alone decides.
+    What the model has already comes before effects that do hardly better on both, or on the
+    fitted one without strong evidence: a detail that is right may reach beyond a record of
+    another kind no better than one that is wrong.
+    """
+    if not rungs:
+        return []
+    if held.record is None:
+        # Nothing else decides: the information criterion, which pays for every parameter.
+        enough = _ENOUGH * min(r.fit.rms for r in rungs)
+        first = sorted(rungs, key=lambda r: r.suspect is not None or r.fit.rms > enough)
+        return [(rung, None) for rung in first]
+    near = _IN_SIGHT * min(r.fit.rms for r in rungs)
+    close = [r for r in rungs if r.fit.rms <= near]
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        errors = list(pool.map(lambda r: elsewhere(r.fit, held), close))
+
+    # A record that nobody comes near shows above all something else: it decides nothing yet.
+    reached = [(rms(e) or 0.0) / r.fit.rms for r, e in zip(close, errors, strict=True)]
+    foreign = min(reached) > FOREIGN
+
+    def both(pair: tuple[Rung, FloatArray | None]) -> float:
+        return pair[0].fit.rms * (1.0 if foreign else rms(pair[1]) or 0.0)
+
+    pairs = sorted(zip(close, errors, strict=True), key=both)
+    enough = (_ENOUGH if foreign else _ENOUGH**2) * both(pairs[0])
+    strongest = max((r.delta_bic for r in close if r.suspect is not None), default=-np.inf)
+
+    # Of those that predict as well the one that pays for fewer parameters.
+    as_well = _AS_WELL * (rms(pairs[0][1]) or 0.0)
+    level = [r for r, e in pairs if (rms(e) or 0.0) <= as_well and both((r, e)) <= enough]
+    lean = max((r for r in level if r.suspect is not None), key=_gain, default=None)
+
+    def later(pair: tuple[Rung, FloatArray | None]) -> tuple[bool, bool]:
+        rung, _ = pair
+        beaten = both(pair) > enough and rung.delta_bic + STRONG < strongest
+        return rung.suspect is not None or beaten, rung is not lean
+
+    return sorted(pairs, key=later)
+
+
+def chosen(
+    fit: Fit,
+    error: FloatArray | None,
+    rungs: Sequence[tuple[Rung, FloatArray | None]],
+    *,
+    first: bool,
+) -> tuple[Rung, FloatArray | None] | None:
+    """The first rung that is worth its name and that the held-out data do not contradict.
+
+    A detail names nothing, and what it wins on the fitted record it may lose a little of where a
+    record of another kind is judged on: without it an effect would be named for its sake. What is
+    found first may leave a record of another kind as it was, if that shows far more than what is
+    then left, until the end of the ladder; beside what was found already another name must prove
+    itself where it is judged.
+    """
+    for rung, after in rungs:
+        halved = rung.fit.rms < _HALVED * fit.rms
+        lenient = (rung.fit.rms if halved else fit.rms) if first else np.inf
+        detail = rung.suspect is None
+        worth = _DETAIL if detail else WORTH
+        level = detail and (rms(after) or 0.0) <= _TOLERATED * (rms(error) or np.inf)
+        if rung.fit.rms < (1.0 - worth) * fit.rms and (level or agrees(error, after, lenient)):
+            return rung, after
+    return None
+
+
+def nothing_to_win(fit: Fit) -> bool:
+    """Whether not even a detail could win what it is worth."""
+    return (1.0 - _DETAIL) * fit.rms < noise_floor(fit).rms
+
+
+def astray(fit: Fit, held: HeldOut) -> bool:
+    """Whether a fit leaves far more than noise, or somewhat more and misses the other record."""
+    over = fit.rms / noise_floor(fit).rms
+    return over > _LOST or (over > _NOISY and _mispredicts(fit, held, FOREIGN))
+
+
+def _unsettled(fit: Fit, *, first: bool) -> bool:
+    """Whether a residual may yet be no noise: it shows structure, or (at first) it is slow."""
+    floor = noise_floor(fit)
+    return fit.rms > (_ABOVE if first else _LOST) * floor.rms or structure(fit, floor).left
+
+
+def _mispredicts(fit: Fit, held: HeldOut, times: float) -> bool:
+    """Whether a fit explains one record and not the other: it may be bent to do so."""
+    there = rms(elsewhere(fit, held))
+    return there is not None and there > times * fit.rms
+
+
+def _refitting(suspects: Sequence[Suspect]) -> str:
+    names = dict.fromkeys(s.name for s in suspects)
+    return f"refitting with {', '.join(names) or 'more detail'}"
+
+
+def _gain(rung: Rung) -> float:
+    return rung.delta_bic
