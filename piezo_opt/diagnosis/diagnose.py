@@ -27,8 +27,9 @@ from piezo_opt.units import show
 
 _ABOVE = 1.5
 """Residual over the noise floor above which it is asked whether it is a function of anything."""
-_CARRIES = 3.0
-"""Held-out over fitted error from which an explanation does not carry over."""
+_CARRIES, _AS_SLOW = 3.0, 1.5
+"""Held-out over fitted error from which an explanation does not carry over; where it leaves more
+than noise at the highest frequencies: slower noise would be as large on the other record."""
 SCHEMA = "piezo_opt/diagnosis/1"
 
 
@@ -270,7 +271,7 @@ def diagnose(
     climbed = climb(baseline, held, offered, tell, threads)
     final = _whole(fit, climbed)
     floor = noise_floor(final)
-    left_over = _elsewhere(structure(final, floor), climbed, held)
+    left_over = _elsewhere(structure(final, floor), climbed, held, floor)
     correction: Unexplained | None = None
     if left_over.left or final.rms > _ABOVE * floor.rms:
         tell("looking for the smallest correction")
@@ -314,16 +315,17 @@ def diagnose(
     )
 
 
-def _elsewhere(found: Structure, climbed: Ladder, held: HeldOut) -> Structure:
+def _elsewhere(found: Structure, climbed: Ladder, held: HeldOut, floor: NoiseFloor) -> Structure:
     """What is left on the held-out record as well: an explanation must hold there, too."""
     if not climbed.steps or held.record is None:
         return found
     there, here = rms(error_on(climbed.final, held.record)), climbed.final.rms
-    if there is None or there < _CARRIES * here:
+    carries = _CARRIES if here < _ABOVE * floor.rms else _AS_SLOW
+    if there is None or there < carries * here:
         return found
     clue = (
         f"On the record that is judged on, '{held.record.name}', the error is {show(there, 'm')}, "
-        f"{there / here:.0f} times that on the fitted one: what was found does not carry over, or "
+        f"{there / here:.2g} times that on the fitted one: what was found does not carry over, or "
         "that record shows what this one cannot. Fit both together."
     )
     return Structure(True, (*found.clues, clue))

@@ -32,7 +32,7 @@ from piezo_opt.diagnosis.refinements import (
     refinements,
     with_base_details,
 )
-from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain, race
+from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain, judged, race
 from piezo_opt.diagnosis.steps import Step
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Effect, Place
@@ -97,10 +97,14 @@ def pair(
     rungs = [r for r in race(end, [t for t in trials if t is not None], threads) if plausible(r)]
     closest = sorted(rungs, key=_rms)[:_FINISHED]
     finished = [_finished(foot, end, rung, threads) for rung in closest]
-    believed = [rung for rung in finished if _believed(rung.fit, end, held)]
+    price = STRONG + 2.0 * float(np.log(max(1, len(rungs))))  # one of so many was looked for
+    believed = [
+        rung for rung in judged(end, finished)
+        if rung.delta_bic > price and _believed(rung.fit, end, held)
+    ]  # fmt: skip
     if not believed:
         return None
-    best = min(believed, key=_rms).fit
+    best = believed[0].fit
     names = list(dict.fromkeys(a.effect.name for a in likely if a.effect.name in best.model))
     steps = [_step(foot, best, name) for name in names]
     fit, steps, _ = exchange(foot, best, steps, held, candidates, threads, anew=True)
@@ -183,12 +187,12 @@ def _finished(foot: Fit, end: Fit, rung: Rung, threads: int) -> Rung:
 
 
 def _believed(fit: Fit, end: Fit, held: HeldOut) -> bool:
-    """Whether a pair leaves but noise, on the other record too, and more than pays for itself."""
+    """Whether a pair leaves but noise, and carries over to the other record."""
     floor = noise_floor(fit)
     noise = fit.rms <= EXPLAINED * floor.rms or (
         fit.rms <= _SLOW * floor.rms and not structure(fit, floor).left
     )
-    if not noise or bic_gain(end, fit) < STRONG:
+    if not noise:
         return False
     before, after = rms(elsewhere(end, held)), rms(elsewhere(fit, held))
     if before is None or after is None:

@@ -291,9 +291,7 @@ def test_who_explains_one_record_and_not_the_other_has_every_effect_asked(
     monkeypatch.setattr(choice, "contest", lambda _, rungs, *__: rungs)
     everybody = (suspect("drift"),)
     everybody[0].score = 0.0
-    choice.refits(
-        fit(9.0), JUDGED, everybody, first=True, bar=-1.0, tell=lambda _: None, threads=1
-    )
+    choice.refits(fit(9.0), JUDGED, everybody, first=True, bar=-1.0, tell=lambda _: None, threads=1)
     assert asked == ([everybody] if asked_again else [])
 
 

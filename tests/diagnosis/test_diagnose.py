@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
+from importlib import import_module
+from types import SimpleNamespace
 from typing import Any, final
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis import Diagnosis, diagnose
+from piezo_opt.diagnosis.structure import Structure
 from piezo_opt.effects import (
     BoucWen,
     Creep,
@@ -34,6 +37,8 @@ from tests.diagnosis.plants import (
     triangle,
 )
 
+# The function has the module's name in the package.
+module = import_module("piezo_opt.diagnosis.diagnose")
 TIME = clock()
 CREEP = Creep(elements=1), {"c": 0.02, "tau": 0.5}
 FRINGES = SensorNonlinearity(), {"a": 5e-8}
@@ -265,6 +270,25 @@ def test_an_explanation_that_does_not_carry_over_is_none() -> None:
     kept = diagnose(fit, test=quiet, advise=False)
     assert [s.name for s in kept.steps] == ["creep"]
     assert kept.verdict == "missing"
+
+
+@pytest.mark.parametrize(
+    ("here", "there", "carries"),
+    [
+        (1.4, 2.9 * 1.4, True), (1.4, 3.1 * 1.4, False),
+        # What is above the floor may be slow noise, but that is as large on the other record.
+        (1.6, 1.4 * 1.6, True), (1.6, 1.6 * 1.6, False),
+    ],
+)  # fmt: skip
+def test_slow_noise_is_as_large_on_the_other_record(
+    here: float, there: float, carries: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "error_on", lambda *_: np.array([there, -there]))
+    ladder: Any = SimpleNamespace(steps=("drift",), final=SimpleNamespace(rms=here))
+    held: Any = SimpleNamespace(record=SimpleNamespace(name="test"))
+    floor: Any = SimpleNamespace(rms=1.0)
+    left = module._elsewhere(Structure(False, ()), ladder, held, floor)
+    assert left.left is not carries
 
 
 def _played(noise: float) -> po.Fit:
