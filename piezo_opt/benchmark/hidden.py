@@ -361,6 +361,7 @@ def _judge(job: _Job) -> Judged:
             withhold=[WITHHELD[name] for name in names if name in WITHHELD],
             threads=job.threads,
             advise=False,
+            rivals=False,  # they name no effect
         )
         ended = perf_counter()
         held_out = rms(error_on(found.final, test))

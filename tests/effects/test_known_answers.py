@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import optimize
 from scipy.integrate import solve_ivp
 
 import piezo_opt as po
@@ -120,7 +121,7 @@ def test_the_slew_limit_follows_slow_drives_and_holds_fast_ones_to_its_rate() ->
     values = {"slew_limit.share": 1.0, "slew_limit.rate": 100.0, "slew_limit.tau": 2e-3}
     slow = 5.0 * np.sin(2 * np.pi * 0.5 * time)
     _, states = respond(PiezoGain() + SlewLimit(), time, slow, values)
-    # A pure lag of tau would be 31 mV behind; what is left is the rounding of tanh near its limit.
+    # A pure lag of tau would be 31 mV behind; what is left is the rounding of the corners.
     assert np.abs(states["slew_limit.z"] - slow).max() < 2e-3
     step = np.where(time < 0.05, 0.0, 20.0)
     _, states = respond(PiezoGain() + SlewLimit(), time, step, values)
@@ -129,6 +130,26 @@ def test_the_slew_limit_follows_slow_drives_and_holds_fast_ones_to_its_rate() ->
     np.testing.assert_allclose(np.gradient(z, time)[rising], 100.0, rtol=2e-3)
     assert z[-1] == pytest.approx(20.0, abs=1e-6)
     assert z.max() < 20.0 + 1e-6
+
+
+@pytest.mark.parametrize("softness", [1e-3, 0.2, 1.0])
+def test_near_its_limit_the_slew_lags_by_what_its_corner_takes(softness: float) -> None:
+    """On a ramp of 0.95 of the rate z' settles there: the corner then asks for w > u'."""
+    rate, tau = 100.0, 2e-3
+    time = np.arange(400) * 1e-3
+    ramp = 0.95 * rate * time
+    own = {"share": 1.0, "rate": rate, "tau": tau, "softness": softness}
+    values = {f"slew_limit.{k}": v for k, v in own.items()}
+    _, states = respond(PiezoGain() + SlewLimit(), time, ramp, values)
+
+    def held(w: float) -> float:
+        corner = softness * rate
+        ends = np.logaddexp(0.0, [(w + rate) / corner, (w - rate) / corner])
+        return float(corner * (ends[0] - ends[1]) - rate - 0.95 * rate)
+
+    wanted = optimize.brentq(held, 0.0, 10.0 * rate)
+    lag = ramp[-1] - states["slew_limit.z"][-1]
+    assert lag == pytest.approx(tau * (wanted - 0.95 * rate), rel=1e-3, abs=1e-6)
 
 
 def test_charge_back_coupling_damps_by_kappa_d_omega_over_two() -> None:

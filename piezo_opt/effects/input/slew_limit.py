@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
-from piezo_opt.symbolic import tanh
+from piezo_opt.symbolic import softplus
 
 
 @final
@@ -14,14 +14,17 @@ from piezo_opt.symbolic import tanh
 class SlewLimit(Effect):
     """Largest rate of the drive, entered through a share.
 
-        z' = rate tanh((u' + (u - z) / tau) / rate)
+        z' = e [softplus((w + rate) / e) - softplus((w - rate) / e)] - rate,   e = softness rate
+        w = u' + (u - z) / tau
         v = u + share (z - u)
 
-    A current limit I on a capacitance C allows rate = I / C. Below the limit z follows u without
-    lag, because u' is fed forward; tau is the time in which it recovers after the limit.
+    A current limit I on a capacitance C allows rate = I / C: z' is w, held between -rate and rate
+    by softly rounded corners. Below the limit z follows u without lag, because u' is fed forward;
+    tau is the time in which it recovers after the limit. softplus(a) = log(1 + exp(a)).
 
     References: Fleming & Leang (2014), Design, Modeling and Control of Nanopositioning
-    Systems, ch. 14 (electrical drive of capacitive loads).
+    Systems, ch. 14 (electrical drive of capacitive loads); Khalil (2002), Nonlinear Systems,
+    3rd ed., sec. 1.2.7 (saturation).
     """
 
     place = Place.INPUT
@@ -37,13 +40,20 @@ class SlewLimit(Effect):
         "s", "recovery time after the limit", nominal=1e-3, bounds=(1e-7, 0.1),
         typical=(1e-4, 1e-2),
     )  # fmt: skip
+    softness = Parameter(
+        "1", "width of the corners over the rate", nominal=0.2, bounds=(1e-3, 1.0),
+        typical=(0.02, 0.3), fixed=True, detail=True,
+    )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing drive and the rate-limited state."""
         u = chain.incoming
         wanted = u.rate + (u.value - x.z) / p.tau
+        corner = p.softness * p.rate
+        below = softplus((wanted + p.rate) / corner)
+        above = softplus((wanted - p.rate) / corner)
         return Equations(
             gives=u.value + p.share * (x.z - u.value),
-            moves={"z": p.rate * tanh(wanted / p.rate)},
+            moves={"z": corner * (below - above) - p.rate},
             starts={"z": u.value},
         )
