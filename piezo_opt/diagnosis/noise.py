@@ -9,11 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from piezo_opt.diagnosis.slow_noise import correlation
 from piezo_opt.identification import Fit
 from piezo_opt.measurement import Measurement
 from piezo_opt.units import show
 
 FloatArray = NDArray[np.float64]
+
+_ABOVE = 1.1
+"""Residual over the level at the highest frequencies up to which that is the floor."""
 
 
 @final
@@ -24,8 +28,8 @@ class NoiseFloor:
     Attributes:
         rms: estimate [m].
         low, high: 95 % range [m].
-        measured: whether it comes from repetitions (else from the record's highest frequencies,
-            where coloured noise hides: then it is a lower bound).
+        measured: whether it comes from repetitions (else from the residual: from the record's
+            highest frequencies, a lower bound, unless all of it is first-order noise).
         sentence: the same in words.
     """
 
@@ -41,7 +45,8 @@ def noise_floor(fit: Fit) -> NoiseFloor:
 
     From the differences between periods where every record has at least two; otherwise from the
     spectrum of the residual in the upper third of the frequencies, taken as the level of white
-    noise, and never below what rounding alone leaves (step / sqrt(12)).
+    noise, and never below what rounding alone leaves (step / sqrt(12)). A residual whose whole
+    spectrum is that of first-order noise (see :mod:`slow_noise`) is the floor itself.
 
     Source: Pintelon & Schoukens (2012), System Identification, 2nd ed., sec. 2.5.
     """
@@ -69,6 +74,9 @@ def noise_floor(fit: Fit) -> NoiseFloor:
         step = record.resolution
         rounding += n * (step**2 / 12.0 if step is not None else 0.0)
     rms = float(np.sqrt(max(power, rounding) / samples))
+    slow = _correlations(fit) if fit.rms > _ABOVE * rms else None
+    if slow is not None:
+        return _slow(fit, slow)
     spread = 1.96 / np.sqrt(2.0 * max(2.0, count))
     rounded = rounding > power
     sentence = (
@@ -81,6 +89,32 @@ def noise_floor(fit: Fit) -> NoiseFloor:
         + ". Repeat the drive at least twice to measure it."
     )
     return NoiseFloor(rms, rms * (1.0 - min(0.9, spread)), rms * (1.0 + spread), False, sentence)
+
+
+def _correlations(fit: Fit) -> list[float] | None:
+    """Correlations from sample to sample where all residuals are first-order noise."""
+    if not all(record.uniform for record in fit.records):
+        return None
+    found = [correlation(fit.residual(index)) for index in range(len(fit.records))]
+    sure = [rho for rho in found if rho is not None]
+    return sure if len(sure) == len(found) else None
+
+
+def _slow(fit: Fit, correlations: list[float]) -> NoiseFloor:
+    """The floor of a fit that leaves first-order noise and nothing else."""
+    # Squares of first-order noise are correlated by rho^2.
+    independent = sum(
+        fit.residual(index).size * (1.0 - rho**2) / (1.0 + rho**2)
+        for index, rho in enumerate(correlations)
+    )
+    spread = min(0.9, 1.96 / np.sqrt(2.0 * max(2.0, independent)))
+    shown = " and ".join(f"{rho:.2f}" for rho in correlations)
+    return NoiseFloor(
+        fit.rms, fit.rms * (1.0 - spread), fit.rms * (1.0 + spread), False,
+        f"The noise floor is {show(fit.rms, 'm')} rms: all that is left looks like noise "
+        f"correlated from sample to sample by {shown}. Repeat the drive at least twice to "
+        "measure it.",
+    )  # fmt: skip
 
 
 def _high_frequency(residual: FloatArray, record: Measurement) -> tuple[float, float]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import piezo_opt as po
+from piezo_opt.diagnosis import choice
 from piezo_opt.diagnosis import ladder as module
 from piezo_opt.diagnosis import prune as pruning
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, hold_out, rms
@@ -334,19 +335,19 @@ def test_what_is_lost_is_tried_afresh(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each candidate beside a base that begins where a first fit would, and only where lost."""
     fit = crowded(CREEP)
     begun: list[bool] = []
-    tried = module.entrants
+    tried = choice.entrants
 
     def counted(*given: Any) -> list[Trial]:
         begun.append(True)
         return tried(*given)
 
-    monkeypatch.setattr(module, "entrants", counted)
+    monkeypatch.setattr(choice, "entrants", counted)
     question = po.Identification(STILL, fit.records)
     base = solved(question, TRUTH_STILL)
     climb(base, HeldOut(question, None, ""), [Creep(elements=1), Drift()], threads=1)
     assert not begun
-    monkeypatch.setattr(module, "_LOST", 0.0)
-    monkeypatch.setattr(module, "settled", lambda _: False)
+    monkeypatch.setattr(choice, "_LOST", 0.0)
+    monkeypatch.setattr(choice, "settled", lambda _: False)
     climb(base, HeldOut(question, None, ""), [Creep(elements=1), Drift()], threads=1)
     assert begun
 

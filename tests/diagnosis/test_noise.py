@@ -53,11 +53,23 @@ def test_what_the_model_leaves_is_not_taken_for_noise(clean: po.Fit) -> None:
     assert found.rms == pytest.approx(NOISE, rel=0.1)
 
 
-def test_slow_noise_is_a_lower_bound(clean: po.Fit) -> None:
-    driven = np.random.default_rng(0).normal(size=2500)
-    slow = signal.lfilter([1.0], [1.0, -0.8], driven)[500:]
-    slow *= NOISE / slow.std()
-    found = floor_of(clean, slow)
+def slow(seed: int, samples: int = 2000) -> FloatArray:
+    driven = np.random.default_rng(seed).normal(size=samples + 500)
+    return np.asarray(NOISE * signal.lfilter([0.6], [1.0, -0.8], driven)[500:])
+
+
+def test_slow_noise_is_found_within_the_stated_range(clean: po.Fit) -> None:
+    floors = [floor_of(clean, slow(seed)) for seed in range(40)]
+    known = [f for f in floors if "noise correlated from sample to sample by 0." in f.sentence]
+    assert len(known) >= 38
+    assert np.mean([f.rms for f in known]) == pytest.approx(NOISE, rel=0.03)
+    assert np.mean([f.low <= NOISE <= f.high for f in known]) >= 0.9
+    assert np.mean([f.high / f.low for f in known]) < 1.2
+
+
+def test_slow_noise_beside_a_misfit_is_a_lower_bound(clean: po.Fit) -> None:
+    misfit = 2.0 * NOISE * np.sin(2.0 * np.pi * clock())
+    found = floor_of(clean, slow(0) + misfit)
     # (1 - phi) / (1 + phi) of the power at the highest frequencies, a little more below.
     assert 0.3 * NOISE < found.rms < 0.5 * NOISE
     assert "slower noise would come on top" in found.sentence
