@@ -190,20 +190,20 @@ def _fresh(fit: Fit, suspect: Suspect, given: Identification) -> list[Trial]:
 def beside(fit: Fit, given: Identification, suspect: Suspect) -> list[Trial]:
     """The question at the foot with what was added since, and a suspect; nothing is known yet.
 
-    A force needs mechanics. Where the fit has none they join it; or the force acts on a spring
-    without mass, on which it was scored.
+    A force needs mechanics, and so does what the motion drives. Where the fit has none they join
+    it; or a force acts on a spring without mass, on which it was scored.
     """
     question = forgetful(fit, given)
-    if not (fit.model.quasi_static and suspect.effect.place is Place.MOTION):
+    if not (fit.model.quasi_static and "motion" in suspect.effect.requires):
         return [Trial(question.with_model(question.model + suspect.effect), {}, suspect)]
     moving = question.with_model(question.model + SecondOrder())
+    joined = (moving.model.names[-1],)
+    founded = Trial(moving.with_model(moving.model + suspect.effect), {}, suspect, joined)
+    if suspect.effect.place is not Place.MOTION:
+        return [founded]
     stiff = suspect.base.question
     unseen = replace(question.with_model(stiff.model), fixed=stiff.fixed)
-    joined = (moving.model.names[-1],)
-    return [
-        Trial(moving.with_model(moving.model + suspect.effect), {}, suspect, joined),
-        Trial(unseen.with_model(unseen.model + suspect.effect), {}, suspect),
-    ]
+    return [founded, Trial(unseen.with_model(unseen.model + suspect.effect), {}, suspect)]
 
 
 def forgetful(fit: Fit, given: Identification) -> Identification:

@@ -18,6 +18,7 @@ from piezo_opt.diagnosis.choice import (
     ordered,
     refits,
 )
+from piezo_opt.diagnosis.detail import in_detail
 from piezo_opt.diagnosis.exchange import exchange
 from piezo_opt.diagnosis.grouping import group_of
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, elsewhere, error_on, rms
@@ -134,6 +135,21 @@ class _Climb:
         rung, after = taken
         return rung, after, () if rung.suspect is None else group_of(rung, rungs, at.now)
 
+    def detailed(self, at: _Stand) -> _Stand:
+        """With all the detail that it pays for, where that reaches the other record no worse."""
+        finer = in_detail(at.fit, self.threads)
+        error = elsewhere(finer, self.held)
+        if finer is at.fit or not (at.error is None or agrees(at.error, error, np.inf)):
+            return at
+        freed = _freed(at.fit, finer)
+        self.tell(f"refined {', '.join(freed)}")
+        *below, top = at.steps
+        stand = replace(
+            at, fit=finer, error=error, refined=(*at.refined, *freed), touched=True,
+            steps=(*below, topped(top, finer, rms(error))),
+        )  # fmt: skip
+        return self.scored(stand)
+
     def together(self, at: _Stand) -> _Stand | None:
         """Two effects at once in the place of all steps; None where no two do."""
         self.tell("fitting every two effects together")
@@ -248,6 +264,8 @@ def climb(
     bottom = at.error
     ended = paired = False
     for _ in range(_MOST_ROUNDS):
+        if not (paired or ended) and len(at.steps) > 1 and astray(at.fit, held):
+            at = way.detailed(at)
         if not paired and (ended or len(at.steps) > 1) and astray(at.fit, held):
             paired = True
             both = way.together(at)

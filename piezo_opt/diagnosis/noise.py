@@ -95,7 +95,10 @@ def _correlations(fit: Fit) -> list[float] | None:
     """Correlations from sample to sample where all residuals are first-order noise."""
     if not all(record.uniform for record in fit.records):
         return None
-    found = [correlation(fit.residual(index)) for index in range(len(fit.records))]
+    found = [
+        correlation(fit.residual(index), rounded=record.resolution is not None)
+        for index, record in enumerate(fit.records)
+    ]
     sure = [rho for rho in found if rho is not None]
     return sure if len(sure) == len(found) else None
 

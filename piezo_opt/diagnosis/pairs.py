@@ -22,6 +22,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_opt.diagnosis.detail import in_detail
 from piezo_opt.diagnosis.exchange import exchange
 from piezo_opt.diagnosis.held_out import FOREIGN, HeldOut, elsewhere, rms
 from piezo_opt.diagnosis.noise import noise_floor
@@ -29,7 +30,6 @@ from piezo_opt.diagnosis.refinements import (
     EXPLAINED,
     lean,
     plausible,
-    refinements,
     with_base_details,
 )
 from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain, judged, race
@@ -50,13 +50,14 @@ _MOST = 14
 """Candidates that are paired."""
 _SAME = 0.98
 """Cosine between what two candidates change alone, from which one of them is paired for both."""
+_FOLLOWED = 12
+"""Pairs that are fitted to their end: where nothing explains a record most are equally poor."""
 _FINISHED = 3
 """Pairs that are brought to their best."""
 _SLOW = 1.5
 """Error over the floor up to which what shows no structure may be slow noise."""
 _TENTH = 0.1
 """Held-out error over that of the ladder's end up to which a pair reaches beyond its record."""
-_ROUNDS = 4
 
 
 @final
@@ -94,7 +95,8 @@ def pair(
     """
     likely = _likely(foot, _alone(foot, held.question, candidates, threads))
     trials = [_both(held.question, a, b) for a, b in combinations(likely, 2)]
-    rungs = [r for r in race(end, [t for t in trials if t is not None], threads) if plausible(r)]
+    asked = [trial for trial in trials if trial is not None]
+    rungs = [r for r in race(end, asked, threads, most=_FOLLOWED) if plausible(r)]
     closest = sorted(rungs, key=_rms)[:_FINISHED]
     finished = [_finished(foot, end, rung, threads) for rung in closest]
     price = STRONG + 2.0 * float(np.log(max(1, len(rungs))))  # one of so many was looked for
@@ -176,14 +178,8 @@ def _both(question: Identification, a: _Alone, b: _Alone) -> Trial | None:
 
 def _finished(foot: Fit, end: Fit, rung: Rung, threads: int) -> Rung:
     """A pair in the detail that it pays for."""
-    best = lean(foot, rung)
-    for _ in range(_ROUNDS):
-        finer = [r for r in race(best.fit, refinements(best.fit), threads) if plausible(r)]
-        top = max(finer, key=lambda r: r.delta_bic, default=None)
-        if top is None or top.delta_bic < STRONG:
-            break
-        best = replace(best, fit=top.fit, delta_bic=bic_gain(end, top.fit))
-    return best
+    best = in_detail(lean(foot, rung).fit, threads)
+    return replace(rung, fit=best, delta_bic=bic_gain(end, best))
 
 
 def _believed(fit: Fit, end: Fit, held: HeldOut) -> bool:

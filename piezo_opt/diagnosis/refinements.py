@@ -155,6 +155,17 @@ def stiffened(fit: Fit) -> Fit | None:
         return None
 
 
+def moved(fit: Fit) -> Fit | None:
+    """A quasi-static fit with free mechanics; None where it shows none."""
+    trial = mechanics_trial(fit)
+    if trial is None:
+        return None
+    try:
+        return solved(trial.question, trial.start, 10)
+    except (PiezoOptError, ArithmeticError):
+        return None
+
+
 def _details(fit: Fit, name: str) -> Trial | None:
     """One effect in more detail: its finer form, and the details of its shape freed."""
     effect = fit.model[name]

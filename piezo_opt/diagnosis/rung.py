@@ -107,8 +107,16 @@ def solved(question: Identification, start: Mapping[str, float], iterations: int
     return fit
 
 
-def race(fit: Fit, trials: Sequence[Trial], threads: int) -> list[Rung]:
-    """Refit all trials; only those that are still near the best are followed to their end."""
+def race(fit: Fit, trials: Sequence[Trial], threads: int, *, most: int | None = None) -> list[Rung]:
+    """Refit all trials; only those that are still near the best are followed to their end.
+
+    Args:
+        fit: the fit below.
+        trials: what is tried.
+        threads: refits that run at a time.
+        most: refits that are followed at most; without it all that are near, and more detail of
+            what the model has unless it is behind.
+    """
 
     def one(trial: Trial) -> Rung | None:
         try:
@@ -128,11 +136,12 @@ def race(fit: Fit, trials: Sequence[Trial], threads: int) -> list[Rung]:
         rungs = [rung for rung in pool.map(one, trials) if rung is not None]
         if not rungs:
             return []
-        near = _RACE * min(r.fit.rms for r in rungs)
-        third = sorted(r.fit.rms for r in rungs)[:_PODIUM][-1]
+        ranked = sorted(r.fit.rms for r in rungs)
+        near = min(_RACE * ranked[0], ranked[:most][-1])
+        third = ranked[:_PODIUM][-1]
         # More detail of what the model has comes before another name: it is followed unless it
         # has lost what it began with.
-        detail = _BEHIND * fit.rms
+        detail = _BEHIND * fit.rms if most is None else 0.0
         worth = [
             r.fit.rms <= max(near, third) or (r.suspect is None and r.fit.rms <= detail)
             for r in rungs

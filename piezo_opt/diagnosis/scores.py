@@ -96,6 +96,7 @@ def score(
     point: BasePoint,
     candidates: Sequence[Effect],
     threads: int = 2,
+    stiff: BasePoint | None = None,
     moving: BasePoint | None = None,
 ) -> tuple[tuple[Suspect, ...], tuple[Unscored, ...]]:
     """Score candidates at a fit; suspects come likeliest first.
@@ -104,14 +105,16 @@ def score(
         point: the fit.
         candidates: absent effects.
         threads: effects that are scored at a time.
-        moving: beside a quasi-static fit, the same fit with mechanics, for forces.
+        stiff: beside a quasi-static fit, the same fit on a spring without mass, for forces.
+        moving: beside it, one with mechanics, for what else the motion drives.
     """
 
     def one(effect: Effect) -> _Best | Unscored:
         channels = tuple(point.question.campaign.records[0].channels)
         at, refusal = point, point.question.model.refusal(effect, channels)
-        if refusal is not None and moving is not None and effect.place is Place.MOTION:
-            at, refusal = moving, moving.question.model.refusal(effect, channels)
+        ground = stiff if effect.place is Place.MOTION else moving
+        if refusal is not None and ground is not None:
+            at, refusal = ground, ground.question.model.refusal(effect, channels)
         if refusal is not None:
             return Unscored(effect.name, refusal)
         try:

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.contest import beside
-from piezo_opt.diagnosis.refinements import stiffened
+from piezo_opt.diagnosis.refinements import moved, stiffened
 from piezo_opt.diagnosis.rung import Trial
 from piezo_opt.diagnosis.scores import Suspect, Unscored, score
-from piezo_opt.effects.base import Effect
+from piezo_opt.effects.base import Effect, Place
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
@@ -29,14 +29,19 @@ _SHORTLIST = 6
 def scored(
     fit: Fit, candidates: Sequence[Effect], threads: int
 ) -> tuple[tuple[Suspect, ...], tuple[Unscored, ...]]:
-    """Scores of all absent candidates; forces at a quasi-static fit on a spring without mass."""
-    moving = stiffened(fit) if fit.model.quasi_static else None
-    return score(
-        BasePoint(fit),
-        [e for e in candidates if e.name not in fit.model],
-        threads,
-        None if moving is None else BasePoint(moving),
-    )
+    """Scores of all absent candidates.
+
+    At a quasi-static fit forces are scored on a spring without mass, and what else needs motion
+    with the mechanics that the fit may have left out.
+    """
+    absent = [e for e in candidates if e.name not in fit.model]
+    stiff = moving = None
+    if fit.model.quasi_static:
+        stiff = stiffened(fit)
+        if any("motion" in e.requires and e.place is not Place.MOTION for e in absent):
+            moving = moved(fit)
+    points = [None if f is None else BasePoint(f) for f in (stiff, moving)]
+    return score(BasePoint(fit), absent, threads, *points)
 
 
 def shortlist(likely: Sequence[Suspect], everybody: Sequence[Suspect]) -> list[Suspect]:

@@ -17,7 +17,7 @@ _CORRELATIONS: Final = np.arange(0.0, 0.921, 0.02)
 """Beyond 0.92 noise would be as slow as what it hides."""
 _WHITE: Final = (0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 """White part beside the correlated one, as rounding leaves it, over the latter's innovation."""
-_CANDIDATES: Final = tuple((float(rho), white) for rho in _CORRELATIONS for white in _WHITE)
+_CANDIDATES: Final = tuple((float(rho), white) for white in _WHITE for rho in _CORRELATIONS)
 _BINS: Final = 8
 """Of the lowest band; each one above is wider by half, so that a band is a third of its frequency
 and more."""
@@ -29,10 +29,12 @@ _LINE: Final = 9.0
 """Ordinate over the spectrum, beyond the logarithm of their number: chance gives it once in
 8,000 records."""
 _PEAKED: Final = 0.5
-"""Excess kurtosis of the innovations: pulses after a step have a broad spectrum, too."""
+"""Excess kurtosis of the innovations: pulses after a step have a broad spectrum, too..."""
+_FLAT: Final = 1.0
+"""...and minus that of the residual: so has what switches between two levels, or swings."""
 
 
-def correlation(residual: FloatArray) -> float | None:
+def correlation(residual: FloatArray, *, rounded: bool = False) -> float | None:
     r"""Correlation from sample to sample where a residual is first-order noise; None where not.
 
     The spectrum is compared with that of a first-order autoregression and white noise,
@@ -40,10 +42,12 @@ def correlation(residual: FloatArray) -> float | None:
         S(f) = s^2 (1 / (1 - 2 rho cos(2 pi f) + rho^2) + w),    f in cycles a sample,
 
     in bands, by Whittle's likelihood. Structure is seen as a band too full (chi-squared at 0.1 %),
-    as a line, or as pulses (kurtosis of the innovations): then this is not noise alone.
+    as a line, or as pulses and levels (kurtosis): then this is not noise alone.
 
     Args:
         residual: evenly sampled residual [m], (N,).
+        rounded: whether the reading was rounded; else w is zero: white noise below something slow
+            is what a disturbance looks like.
 
     Source: Whittle (1953), Arkiv foer Matematik 2(5), 423-434; Brockwell & Davis (1991), Time
     Series, 2nd ed., ch. 10 (periodogram, test for hidden periodicities).
@@ -53,12 +57,12 @@ def correlation(residual: FloatArray) -> float | None:
         return None
     r = residual - residual.mean()
     lag_one = float(r[1:] @ r[:-1] / (r @ r))
-    innovation = np.square(r[1:] - lag_one * r[:-1])
-    if float(np.mean(innovation**2) / np.mean(innovation) ** 2) - 3.0 > _PEAKED:
+    if _kurtosis(r) < -_FLAT or _kurtosis(r[1:] - lag_one * r[:-1]) > _PEAKED:
         return None
     power = np.square(np.abs(np.fft.rfft(r * np.hanning(n)))[1 : n // 2])
     edges, count, expected, most = _expected(n)
-    ratio = np.add.reduceat(power, edges) / count / expected
+    tried = slice(None) if rounded else slice(_CORRELATIONS.size)
+    ratio = np.add.reduceat(power, edges) / count / expected[tried]
     ratio /= (ratio @ count / power.size)[:, None]
     deviance = 2.0 * ((ratio - 1.0 - np.log(ratio)) @ (count / _TAPERED))
     best = int(np.argmin(deviance))
@@ -67,6 +71,11 @@ def correlation(residual: FloatArray) -> float | None:
     level = power / _spectrum(n, *_CANDIDATES[best])
     lines = level.max() > (np.log(level.size) + _LINE) * level.mean()
     return None if lines else lag_one
+
+
+def _kurtosis(r: FloatArray) -> float:
+    """Excess kurtosis of values about zero."""
+    return float(np.mean(r**4) / np.mean(r**2) ** 2) - 3.0
 
 
 def _spectrum(samples: int, rho: float, white: float) -> FloatArray:

@@ -24,10 +24,11 @@ from piezo_opt.diagnosis.refinements import (
 )
 from piezo_opt.diagnosis.rung import Rung, adding, bic_gain, race, solved
 from piezo_opt.diagnosis.scores import effective_samples, score
-from piezo_opt.diagnosis.shortlist import entrants
+from piezo_opt.diagnosis.shortlist import entrants, scored
 from piezo_opt.effects import (
     AmplifierLag,
     Backlash,
+    ChargeBackCoupling,
     Creep,
     Drift,
     Effect,
@@ -305,6 +306,26 @@ def test_a_force_is_tried_with_mechanics_of_its_own_and_with_unseen_ones() -> No
     assert unseen.question.fixed == stiff.question.fixed
     (plain,) = beside(stiff, fit.question, suspect)
     assert plain.refines == ()
+
+
+def test_what_the_motion_drives_is_heard_at_a_fit_that_left_the_mechanics_out() -> None:
+    """The charge that damps a resonance away: what is left looks like a lag."""
+    time = clock(3000)
+    drive = 40.0 - 30.0 * np.cos(2.0 * np.pi * (0.5 * time + 14.9 * time**2))
+    charge = ChargeBackCoupling(), {"kappa": 1e4, "tau": 2e-3}
+    fit = fitted(STILL, measured(STILL + SecondOrder(), time, drive, charge))
+    silent, unheard = score(BasePoint(fit), [ChargeBackCoupling()], 1)
+    assert not silent
+    assert "quasi-static" in unheard[0].why
+    (suspect,), unscored = scored(fit, [ChargeBackCoupling()], 1)
+    assert not unscored
+    assert "second_order" in suspect.base.model
+    assert suspect.p_value < 1e-6
+    (trial,) = beside(fit, fit.question, suspect)
+    assert trial.refines == ("second_order",)
+    assert trial.question.model.names == (*STILL.names, "second_order", "charge_back_coupling")
+    (rung,) = race(fit, [adding(suspect)], 1)
+    assert rung.fit.rms == pytest.approx(NOISE, rel=0.05)
 
 
 def test_static_friction_and_micro_damping_are_details_of_friction() -> None:

@@ -24,6 +24,7 @@ from piezo_opt.effects import (
     Delay,
     Drift,
     Effect,
+    MainsPickup,
     NonlinearGain,
     RateDependence,
     SecondMode,
@@ -350,6 +351,27 @@ def test_what_is_lost_is_tried_afresh(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(choice, "settled", lambda _: False)
     climb(base, HeldOut(question, None, ""), [Creep(elements=1), Drift()], threads=1)
     assert begun
+
+
+def test_two_steps_are_brought_to_their_detail_before_pairs_are_asked_for() -> None:
+    """Mains that are not quite at 50 Hz beside creep are no case for other names."""
+    time = clock(2000)
+    mains = MainsPickup(), {"a": 4e-8, "phi": 0.3, "f": 50.2}
+    fit = fitted(STILL, measured(STILL, time, rich(time), CREEP, mains))
+    model = STILL + Creep(elements=1) + MainsPickup()
+    start = {**fit.values, "creep.c": 0.02, "creep.tau": 0.1, "mains_pickup.a": 2e-8}
+    both = solved(fit.question.with_model(model), start)
+    assert both.rms > 2.0 * NOISE
+    told: list[str] = []
+    way = module._Climb(fit, (), alone(fit), [], told.append, 1)
+    steps = (step(both, "creep"), step(both, "mains_pickup"))
+    finer = way.detailed(module._Stand(both, None, (), steps))
+    assert finer.fit.rms == pytest.approx(NOISE, rel=0.05)
+    assert "mains_pickup.f" in finer.refined
+    assert finer.steps[0] == steps[0]
+    assert finer.steps[1].rms_after == finer.fit.rms
+    assert told == [f"refined {', '.join(finer.refined)}"]
+    assert way.detailed(finer) is finer
 
 
 def test_what_joined_beside_an_effect_is_told() -> None:

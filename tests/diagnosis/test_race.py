@@ -65,6 +65,12 @@ def test_more_detail_is_followed_unless_it_has_lost_what_it_began_with(
     assert followed == [0.1, 0.11, 0.12, 2.1]
 
 
+def test_no_more_are_followed_than_asked_for(followed: list[float]) -> None:
+    trials = [entering(e, None) for e in (1.0, 1.1, 1.2, 1.3, 1.4, 1.9)]
+    assert len(race(BELOW, trials, 1, most=4)) == 6
+    assert followed == [1.0, 1.1, 1.2, 1.3]
+
+
 def test_who_cannot_go_on_stays_where_it_is(followed: list[float]) -> None:
     rungs = race(BELOW, [entering(1.0), entering(1.25)], 1)
     assert followed == [1.0, 1.25]

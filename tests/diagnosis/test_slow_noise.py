@@ -29,7 +29,7 @@ def test_first_order_noise_is_known(rho: float) -> None:
 
 def test_rounded_noise_is_noise() -> None:
     """What rounding adds is white, and lowers the correlation."""
-    found = [correlation(np.round(slow(0.6, seed)) * 1e-9) for seed in range(20)]
+    found = [correlation(np.round(slow(0.6, seed)) * 1e-9, rounded=True) for seed in range(20)]
     known = [c for c in found if c is not None]
     assert len(known) >= 18
     assert np.mean(known) == pytest.approx(0.6 / (1.0 + 1.0 / 12.0), abs=0.03)
@@ -54,6 +54,22 @@ def test_noise_slower_than_it_may_be_is_not() -> None:
 )
 def test_what_follows_a_drive_is_not_noise(rho: float, left: FloatArray) -> None:
     assert all(correlation(slow(rho, seed) + left) is None for seed in range(10))
+
+
+def test_what_switches_between_levels_is_not_noise() -> None:
+    """A telegraph signal has the spectrum of first-order noise, too."""
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        level = np.cumprod(np.where(random.random(SAMPLES) < 0.1, -1.0, 1.0))
+        switching = 3.0 * level + random.normal(size=SAMPLES)
+        assert correlation(switching) is None
+        assert correlation(switching, rounded=True) is None
+
+
+def test_white_noise_below_slow_noise_is_of_rounding_only() -> None:
+    both = slow(0.9, 1) + 0.5 * slow(0.0, 2)
+    assert correlation(both) is None
+    assert correlation(both, rounded=True) is not None
 
 
 def test_a_short_record_tells_nothing() -> None:
