@@ -7,8 +7,8 @@ from contextlib import suppress
 
 from piezo_opt.diagnosis.contest import forgetful
 from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, rms
-from piezo_opt.diagnosis.refinements import plausible, shape_refinements
-from piezo_opt.diagnosis.rung import STRONG, WORTH, Trial, bic_gain, race
+from piezo_opt.diagnosis.refinements import plausible, shape_refinements, with_base_details
+from piezo_opt.diagnosis.rung import STRONG, WORTH, Trial, bic_gain, race, solved
 from piezo_opt.diagnosis.steps import Step, renamed, topped, without
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, Identification
@@ -70,10 +70,14 @@ def _without(fit: Fit, name: str, held: HeldOut, threads: int) -> Fit | None:
     for begin in (starting_values, *(_jointly(n) for n in later)):
         with suppress(PiezoOptError, ArithmeticError, ValueError):
             trials.append(Trial(fresh, begin(fresh, Monitor(()))))
+    freed = set(fit.question.free) - set(held.question.free)
+    if any(fit.model[k.split(".")[0]].structural for k in freed):
+        # What the fit has been given, the fits without a name have as well.
+        trials = [trials[0], *(with_base_details(trial) for trial in trials[1:])]
     poorer = [rung.fit for rung in race(fit, trials, threads)]
     if not poorer:
         return None
-    least = min(poorer, key=_rms)
+    least = _to_its_end(min(poorer, key=_rms))
     if _NEARLY * fit.rms < least.rms:
         return least
     # Detail that costs more than the name it replaces imitates it (the start of a long chain of
@@ -83,6 +87,16 @@ def _without(fit: Fit, name: str, held: HeldOut, threads: int) -> Fit | None:
     return max(
         [least, *(f for f in finer if len(f.names) <= dear)], key=lambda one: bic_gain(least, one)
     )
+
+
+def _to_its_end(fit: Fit) -> Fit:
+    """A fit that was still on its way, where it ends: a valley may take long to walk."""
+    if fit.outcome.success:
+        return fit
+    try:
+        return solved(fit.question, fit.values)
+    except (PiezoOptError, ArithmeticError, ValueError):
+        return fit
 
 
 def _spare(poorer: Fit, fit: Fit, held: HeldOut) -> bool:

@@ -14,7 +14,15 @@ from piezo_opt.diagnosis.held_out import error_on, hold_out, rms
 from piezo_opt.diagnosis.prune import prune
 from piezo_opt.diagnosis.rung import STRONG, WORTH
 from piezo_opt.diagnosis.steps import Step
-from piezo_opt.effects import Delay, Effect, NonlinearGain, SensorCurvature, SensorLag
+from piezo_opt.effects import (
+    ChargeBackCoupling,
+    Delay,
+    Effect,
+    NonlinearGain,
+    SecondMode,
+    SensorCurvature,
+    SensorLag,
+)
 from tests.diagnosis.plants import MOVING, NOISE, TRUTH, clock, measured, rich
 
 LAGS = SensorLag(poles=2), {"share": 1.0, "tau": 1.2e-3, "ratio": 0.5}
@@ -42,6 +50,41 @@ def test_a_step_that_a_detail_of_a_later_one_replaces_is_dropped() -> None:
     assert fit.rms == pytest.approx(NOISE, rel=0.05)
     assert kept[0].fit is fit
     assert kept[0].held_out_after == rms(error_on(fit, held.record))
+
+
+def test_without_a_name_the_model_keeps_the_details_it_was_given() -> None:
+    """A second mode at the first one's frequency is a gain; without it the loop is still round."""
+    time = clock(3000)
+    drive = 40.0 - 30.0 * np.cos(2.0 * np.pi * (0.5 * time + 14.9 * time**2))
+    charge = {"kappa": 4e4, "tau": 1.5e-3, "ratio": 0.3}
+    train = measured(MOVING, time, drive)
+    round_loop = {**TRUTH, "bouc_wen.n": 1.3, "bouc_wen.h_s": 1e-7}
+    hidden = MOVING + ChargeBackCoupling(poles=2)
+    truth = {**round_loop, **{f"charge_back_coupling.{k}": v for k, v in charge.items()}}
+    noise = NOISE * np.random.default_rng(0).normal(size=time.size)
+    train = train.with_(position=po.simulate(hidden, train, truth).reading + noise)
+    held = hold_out(po.Identification(MOVING, train), None)
+    (record,) = held.question.campaign.records
+    foot = po.solve(po.Identification(MOVING, record), start=TRUTH)
+    model = MOVING + SecondMode() + ChargeBackCoupling(poles=2)
+    less = 1.0 / 3.7
+    both = po.solve(
+        po.Identification(model, record, free=("bouc_wen.n", "charge_back_coupling.ratio")),
+        start={
+            **truth, "piezo_gain.d": less * TRUTH["piezo_gain.d"],
+            "bouc_wen.alpha": less * TRUTH["bouc_wen.alpha"],
+            "charge_back_coupling.kappa": charge["kappa"] / less,
+            "second_mode.g": 2.7, "second_mode.omega": TRUTH["second_order.omega"],
+            "second_mode.zeta": TRUTH["second_order.zeta"],
+        },
+    )  # fmt: skip
+    assert both.rms == pytest.approx(NOISE, rel=0.05)
+    steps = [step(SecondMode(), foot, both), step(ChargeBackCoupling(poles=2), both, both)]
+    fit, kept, dropped = prune(both, steps, held, threads=2)
+    assert dropped == ["second_mode"]
+    assert [s.name for s in kept] == ["charge_back_coupling"]
+    assert fit.rms == pytest.approx(both.rms, rel=0.01)
+    assert "bouc_wen.n" in fit.question.free
 
 
 @pytest.mark.parametrize("last", [False, True])
