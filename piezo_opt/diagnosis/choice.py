@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 from piezo_opt.diagnosis.contest import contest, settled
 from piezo_opt.diagnosis.held_out import FOREIGN, HeldOut, agrees, elsewhere, rms
 from piezo_opt.diagnosis.noise import noise_floor
-from piezo_opt.diagnosis.refinements import plausible, refinements, with_base_details
+from piezo_opt.diagnosis.refinements import (
+    explained,
+    plausible,
+    refinements,
+    with_base_details,
+)
 from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, adding, race
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.shortlist import entrants, further, shortlist
@@ -129,10 +134,12 @@ def ordered(
     enough = (_ENOUGH if foreign else _ENOUGH**2) * both(pairs[0])
     strongest = max((r.delta_bic for r in close if r.suspect is not None), default=-np.inf)
 
-    # Of those that predict as well the one that pays for fewer parameters.
+    # Of those that predict as well whoever leaves nothing but noise, and pays for fewer parameters.
     as_well = _AS_WELL * (rms(pairs[0][1]) or 0.0)
-    level = [r for r, e in pairs if (rms(e) or 0.0) <= as_well and both((r, e)) <= enough]
-    lean = max((r for r in level if r.suspect is not None), key=_gain, default=None)
+    named = [(r, e) for r, e in pairs if r.suspect is not None]
+    level = [r for r, e in named if (rms(e) or 0.0) <= as_well and both((r, e)) <= enough]
+    lean = max((r for r in level if explained(r.fit)), key=_gain, default=None)
+    lean = lean or max(level, key=_gain, default=None)
 
     def later(pair: tuple[Rung, FloatArray | None]) -> tuple[bool, bool]:
         rung, _ = pair

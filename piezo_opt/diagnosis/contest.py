@@ -16,8 +16,8 @@ from dataclasses import replace
 
 from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.refinements import (
-    EXPLAINED,
     base_refinements,
+    explained,
     plausible,
     shape_refinements,
 )
@@ -102,7 +102,7 @@ def settled(fit: Fit) -> bool:
 
 def _explained(fit: Fit) -> bool:
     """Whether a fit leaves but noise, and leaves out no mechanics that a contender may need."""
-    return fit.rms <= EXPLAINED * noise_floor(fit).rms and not fit.model.quasi_static
+    return explained(fit) and not fit.model.quasi_static
 
 
 def _best_of_each(rungs: Sequence[Rung]) -> list[Rung]:

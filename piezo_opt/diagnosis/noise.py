@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.following import follows_drive
 from piezo_opt.diagnosis.slow_noise import correlation
 from piezo_opt.identification import Fit
 from piezo_opt.measurement import Measurement
@@ -18,6 +20,8 @@ FloatArray = NDArray[np.float64]
 
 _ABOVE = 1.1
 """Residual over the level at the highest frequencies up to which that is the floor."""
+_BY_CHANCE = 0.01
+"""Corrected p-value above which what is left does not follow the drive."""
 
 
 @final
@@ -46,7 +50,8 @@ def noise_floor(fit: Fit) -> NoiseFloor:
     From the differences between periods where every record has at least two; otherwise from the
     spectrum of the residual in the upper third of the frequencies, taken as the level of white
     noise, and never below what rounding alone leaves (step / sqrt(12)). A residual whose whole
-    spectrum is that of first-order noise (see :mod:`slow_noise`) is the floor itself.
+    spectrum is that of first-order noise (see :mod:`slow_noise`), and which does not follow the
+    drive, is the floor itself.
 
     Source: Pintelon & Schoukens (2012), System Identification, 2nd ed., sec. 2.5.
     """
@@ -75,7 +80,7 @@ def noise_floor(fit: Fit) -> NoiseFloor:
         rounding += n * (step**2 / 12.0 if step is not None else 0.0)
     rms = float(np.sqrt(max(power, rounding) / samples))
     slow = _correlations(fit) if fit.rms > _ABOVE * rms else None
-    if slow is not None:
+    if slow is not None and follows_drive(fit, BasePoint(fit), rms)[0] > _BY_CHANCE:
         return _slow(fit, slow)
     spread = 1.96 / np.sqrt(2.0 * max(2.0, count))
     rounded = rounding > power

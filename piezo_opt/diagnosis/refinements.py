@@ -128,6 +128,11 @@ def plausible(rung: Rung) -> bool:
     )
 
 
+def explained(fit: Fit) -> bool:
+    """Whether a fit leaves nothing but noise."""
+    return fit.rms <= EXPLAINED * noise_floor(fit).rms
+
+
 def _resonates(fit: Fit, mechanics: str) -> bool:
     """Whether a record shows these mechanics: a peak, or the rise towards one that is not reached.
 
@@ -138,7 +143,7 @@ def _resonates(fit: Fit, mechanics: str) -> bool:
     if shown(record, fit.values[omega], fit.values[f"{mechanics}.zeta"]):
         return True
     rising = fit.values[f"{mechanics}.zeta"] < _RISING and fit.values[omega] * record.step < np.pi
-    if not rising or fit.rms > EXPLAINED * noise_floor(fit).rms:
+    if not rising or not explained(fit):
         return False
     return bool(with_statistics(fit).std[omega] < _KNOWN * fit.values[omega])
 

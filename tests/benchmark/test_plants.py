@@ -186,6 +186,12 @@ def test_a_seed_makes_the_same_records_again() -> None:
     assert train.meta.base.gain == test.meta.base.gain
 
 
+def test_a_plant_that_gives_way_under_the_other_drive_is_not_taken() -> None:
+    """Seed 351 draws a softening spring first that the second drive tears off."""
+    for record in make(["cubic_stiffness"], 351):
+        assert np.isfinite(record.position).all()
+
+
 @pytest.mark.parametrize("name", CLASSES)
 def test_every_class_is_of_the_size_it_says(name: str) -> None:
     train, test = make((name,), 1, samples=800)

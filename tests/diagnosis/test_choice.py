@@ -73,6 +73,7 @@ def judged(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         return np.array([of.elsewhere, -of.elsewhere])
 
     monkeypatch.setattr(choice, "elsewhere", elsewhere)
+    monkeypatch.setattr(choice, "explained", lambda _: False)
     return seen
 
 
@@ -106,6 +107,17 @@ def test_of_two_that_predict_as_well_the_one_with_fewer_parameters_is_first() ->
         lean = effect("lean", 1.0, elsewhere, 100.0)
         assert asked([rich, lean])[0] == first
     assert asked([rich, effect("poor", 1.07, 1.0, 100.0)])[0] == "rich"
+
+
+@pytest.mark.usefixtures("judged")
+def test_of_two_that_predict_as_well_the_one_that_leaves_but_noise_is_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    exact, lean = effect("exact", 0.999, 1.0, 80.0), effect("lean", 1.0, 1.001, 100.0)
+    monkeypatch.setattr(choice, "explained", lambda of: of.rms < 1.0)
+    assert asked([lean, exact]) == ["exact", "lean"]
+    monkeypatch.setattr(choice, "explained", lambda _: True)
+    assert asked([lean, exact]) == ["lean", "exact"]
 
 
 def test_what_is_out_of_sight_is_not_asked(judged: list[float]) -> None:
@@ -148,6 +160,7 @@ def test_what_cannot_be_simulated_elsewhere_is_asked_last(
     sound, broken = effect("sound", 1.9), effect("broken", 1.0)
     monkeypatch.setattr(sound.fit, "predict", lambda _, **_way: np.zeros(3), raising=False)
     monkeypatch.setattr(broken.fit, "predict", lost, raising=False)
+    monkeypatch.setattr(choice, "explained", lambda _: False)
     held = replace(JUDGED, record=record)
     (first, error), (last, none) = choice.ordered([broken, sound], held, 1)
     assert (label(first), label(last)) == ("sound", "broken")

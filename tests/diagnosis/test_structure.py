@@ -10,8 +10,9 @@ import pytest
 from scipy import signal
 
 import piezo_opt as po
+from piezo_opt.diagnosis.following import play
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
-from piezo_opt.diagnosis.structure import Structure, play, structure
+from piezo_opt.diagnosis.structure import Structure, structure
 from piezo_opt.effects import BoucWen, PrandtlIshlinskii
 from piezo_opt.measurement import FloatArray
 from tests.diagnosis.plants import (
