@@ -50,6 +50,7 @@ def exchange(
     *,
     last: bool = False,
     anew: bool = False,
+    beyond: int = 0,
 ) -> tuple[Fit, list[Step], list[tuple[str, str]]]:
     """The ladder with each earlier step in the form of the rival that does better in its place.
 
@@ -63,6 +64,7 @@ def exchange(
         last: whether the last step was judged beside another step or another base model than
             there are now; else it stays, unless one of the others gives way.
         anew: whether no step was judged before; all are told and grouped here.
+        beyond: parameters of an effect of its own, beyond which its step is asked for.
 
     Returns:
         the fit, the steps, and pairs of names: what gave way to what. Twice the same name is the
@@ -71,7 +73,8 @@ def exchange(
     now = list(steps)
     gone: list[tuple[str, str]] = []
     for place, step in enumerate(steps):
-        if place == len(steps) - 1 and not (last or anew or gone):
+        judged_last = place == len(steps) - 1 and not (last or anew or gone)
+        if judged_last or sum(k.startswith(f"{step.name}.") for k in fit.names) <= beyond:
             continue
         seen = _seen(fit, step, candidates, threads)
         if seen is None:
@@ -107,7 +110,12 @@ def _seen(fit: Fit, step: Step, candidates: Sequence[Effect], threads: int) -> _
         return None
     short = shortlist(likely, suspects)
     own = [s for s in suspects if s.name == step.name and s not in short]
-    rungs = race(poorer, [adding(s) for s in (*short, *own)], threads)
+    trials = [adding(s) for s in (*short, *own)]
+    # Without the step the others have moved to make up for it: a rival begins beside them as they
+    # were, too.
+    standing = {k: v for k, v in fit.values.items() if k in poorer.values}
+    trials += [replace(trial, start={**trial.start, **standing}) for trial in trials]
+    rungs = race(poorer, trials, threads)
     ranked = judged(poorer, [r for r in rungs if plausible(r)])
     return _Seen(poorer, suspects, ranked)
 

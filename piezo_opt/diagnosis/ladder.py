@@ -40,6 +40,8 @@ _ALIKE = 0.9
 _SHAPING = 0.5
 """Error over that before below which a look-alike has done more than shape what was found."""
 _MOST_ROUNDS = 7
+_FREEDOM = 3
+"""Parameters of an effect beyond which it may do what a simpler one does."""
 
 
 @final
@@ -213,9 +215,10 @@ class _Climb:
         joined = any(e.structural and n not in before.fit.model for n, e in at.fit.model)
         named = at.steps != before.steps
         fewer = self.pruned(at) if named and at.steps else at
-        if nothing_to_win(fewer.fit):
-            return fewer
-        return self.exchanged(fewer, last=joined or len(fewer.dropped) > len(at.dropped))
+        # Where nothing is left to be won, only a law that could imitate a simpler one is asked.
+        beyond = _FREEDOM if nothing_to_win(fewer.fit) else 0
+        last = joined or len(fewer.dropped) > len(at.dropped)
+        return self.exchanged(fewer, last=last and not beyond, beyond=beyond)
 
     def pruned(self, at: _Stand, *, last: bool = False) -> _Stand:
         """Without the steps that it can do without."""
@@ -226,11 +229,12 @@ class _Climb:
         stand = replace(at, steps=tuple(steps), dropped=(*at.dropped, *spare))
         return self.onto(stand, fit)
 
-    def exchanged(self, at: _Stand, *, last: bool) -> _Stand:
+    def exchanged(self, at: _Stand, *, last: bool, beyond: int = 0) -> _Stand:
         """With each step in the form of whoever does better in its place."""
         fit, steps, gone = exchange(
-            self.foot, at.fit, at.steps, self.held, self.candidates, self.threads, last=last
-        )
+            self.foot, at.fit, at.steps, self.held, self.candidates, self.threads,
+            last=last, beyond=beyond,
+        )  # fmt: skip
         if not gone:
             return replace(at, fit=fit, steps=tuple(steps))
         self.tell(f"exchanged {', '.join(f'{old} for {new}' for old, new in gone)}")

@@ -13,7 +13,7 @@ import piezo_opt as po
 from piezo_opt.diagnosis import exchange as module
 from piezo_opt.diagnosis.exchange import exchange
 from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
-from piezo_opt.diagnosis.rung import STRONG, bic_gain
+from piezo_opt.diagnosis.rung import STRONG, Trial, bic_gain
 from piezo_opt.diagnosis.steps import Step
 from piezo_opt.effects import (
     AmplifierLag,
@@ -128,7 +128,7 @@ def test_the_last_step_is_asked_only_where_it_was_judged_beside_something_else(
         if step.name != gives_way:
             return None
         other = SimpleNamespace(name="other", effect=None, p_value=0.0)
-        return SimpleNamespace(fit=None, suspect=other)
+        return SimpleNamespace(fit=nothing, suspect=other)
 
     seen = SimpleNamespace(ranked=(), suspects=())
     monkeypatch.setattr(module, "_seen", lambda *_: seen)
@@ -138,9 +138,43 @@ def test_the_last_step_is_asked_only_where_it_was_judged_beside_something_else(
     monkeypatch.setattr(module, "_retold", lambda _, __, steps, *___: steps)
     monkeypatch.setattr(module, "replace", lambda step, **_: step)
     steps: Any = [SimpleNamespace(name=name) for name in ("first", "second", "third")]
-    nothing: Any = SimpleNamespace(record=None)
+    nothing: Any = SimpleNamespace(record=None, names=("first.a", "second.a", "third.a"))
     _, _, gone = exchange(nothing, nothing, steps, nothing, (), threads=1, last=last)
     assert (asked, gone) == (expected, [(gives_way, "other")] if gives_way else [])
+
+
+def test_only_those_with_more_parameters_than_asked_for_give_way(
+    records: tuple[po.Measurement, po.Measurement], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Creep of one element has two parameters."""
+    foot, fit, steps, held = climbed(*records, Creep(elements=1), SensorCurvature())
+    monkeypatch.setattr(module, "_seen", lambda *_: pytest.fail("asked"))
+    exchange(foot, fit, steps, held, OFFERED, threads=2, beyond=2)
+    with pytest.raises(pytest.fail.Exception):
+        exchange(foot, fit, steps, held, OFFERED, threads=2, beyond=1)
+
+
+def test_a_rival_begins_beside_the_others_as_they_were(
+    records: tuple[po.Measurement, po.Measurement], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    foot, fit, steps, held = climbed(*records, Creep(elements=1), SensorCurvature())
+    tried: list[Trial] = []
+
+    def race(_: po.Fit, trials: list[Trial], __: int) -> list[Trial]:
+        tried.extend(trials)
+        return []
+
+    monkeypatch.setattr(module, "race", race)
+    monkeypatch.setattr(module, "judged", lambda *_: [])
+    exchange(foot, fit, steps, held, OFFERED, threads=2)
+    half = len(tried) // 2
+    assert half > 0
+    others = [k for k in fit.names if not k.startswith(("creep", "initial"))]
+    assert "sensor_curvature.a" in others
+    for bent, standing in zip(tried[:half], tried[half:], strict=True):
+        assert bent.suspect is standing.suspect
+        assert {k: standing.start[k] for k in others} == {k: fit.values[k] for k in others}
+        assert any(bent.start[k] != fit.values[k] for k in others)
 
 
 @pytest.mark.parametrize(("gain", "gives_way"), [(0.99 * STRONG, False), (1.01 * STRONG, True)])
