@@ -20,6 +20,8 @@ from piezo_opt.simulation import Initial, Simulator, Substeps
 
 FloatArray = NDArray[np.float64]
 
+_EXPLODED = 1e100
+"""Derivative of a reading [m] by an unknown that is no number any more."""
 _ROUGH = 1e-3
 """Error of the scheme, as a share of the reading's range, in the directions of absent effects."""
 
@@ -69,7 +71,9 @@ class BasePoint:
         point = self._objective.linearised(theta)
         self._theta = theta
         m = self._objective.samples
-        free = [k for k, n in enumerate(fit.names) if n not in fit.at_bound]
+        # A derivative that explodes (a state far faster than the steps) says nothing.
+        sane = np.abs(point.jacobian[:m]).max(axis=0, initial=0.0) < _EXPLODED
+        free = [k for k, n in enumerate(fit.names) if n not in fit.at_bound and sane[k]]
         scaled = (point.jacobian * self._unknowns.scale)[:m, free]
         norms = np.linalg.norm(scaled, axis=0)
         kept = norms > 1e-14 * norms.max(initial=0.0)

@@ -166,9 +166,10 @@ def moved(fit: Fit) -> Fit | None:
     if trial is None:
         return None
     try:
-        return solved(trial.question, trial.start, 10)
+        found = solved(trial.question, trial.start, 10)
     except (PiezoOptError, ArithmeticError):
         return None
+    return found if found.rms < fit.rms else None
 
 
 def _details(fit: Fit, name: str) -> Trial | None:

@@ -132,7 +132,6 @@ def score(
     best = [a for a in answers if isinstance(a, _Best)]
     unscored = tuple(a for a in answers if isinstance(a, Unscored))
     searched = max(1, len({b.effect.name for b in best}))
-    total = float(point.residual @ point.residual)
     units = []
     for b in best:
         length = float(np.linalg.norm(b.direction.projected))
@@ -151,12 +150,13 @@ def score(
         )
         gain = 0.0 if b.wrong_side else b.gain
         p = b.chance * b.looks * searched
+        own = float(b.point.residual @ b.point.residual)
         suspects.append(
             Suspect(
                 effect=b.effect,
                 name=b.effect.name,
-                score=gain / total if total > 0 else 0.0,
-                predicted_rms=float(np.sqrt(max(0.0, total - gain) / point.samples)),
+                score=gain / own if own > 0 else 0.0,
+                predicted_rms=float(np.sqrt(max(0.0, own - gain) / point.samples)),
                 visibility=visibility,
                 overlaps=tuple((n, round(c, 4)) for n, c in overlaps if c > 0.5),
                 p_value=1.0 if b.wrong_side else min(1.0, p),

@@ -56,6 +56,7 @@ def correlation(residual: FloatArray, *, rounded: bool = False) -> float | None:
     if n < _LEAST:
         return None
     r = residual - residual.mean()
+    r = r / float(np.abs(r).max())  # only the shape counts, and fourth powers overflow
     lag_one = float(r[1:] @ r[:-1] / (r @ r))
     if _kurtosis(r) < -_FLAT or _kurtosis(r[1:] - lag_one * r[:-1]) > _PEAKED:
         return None
