@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-import numpy as np
-
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.contest import beside
 from piezo_opt.diagnosis.refinements import moved, stiffened
@@ -42,18 +40,8 @@ def scored(
         stiff = stiffened(fit)
         if any("motion" in e.requires and e.place is not Place.MOTION for e in absent):
             moving = moved(fit)
-    return score(BasePoint(fit), absent, threads, _point(stiff), _point(moving))
-
-
-def _point(fit: Fit | None) -> BasePoint | None:
-    """Where effects are scored; None where a fit's derivatives are no numbers."""
-    if fit is None:
-        return None
-    try:
-        with np.errstate(over="raise", invalid="raise"):
-            return BasePoint(fit)
-    except (PiezoOptError, ArithmeticError):
-        return None
+    grounds = [None if ground is None else BasePoint(ground) for ground in (stiff, moving)]
+    return score(BasePoint(fit), absent, threads, *grounds)
 
 
 def shortlist(likely: Sequence[Suspect], everybody: Sequence[Suspect]) -> list[Suspect]:

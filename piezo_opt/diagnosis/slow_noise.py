@@ -35,7 +35,7 @@ _FLAT: Final = 1.0
 
 
 def correlation(residual: FloatArray, *, rounded: bool = False) -> float | None:
-    r"""Correlation from sample to sample where a residual is first-order noise; None where not.
+    """Correlation from sample to sample where a residual is first-order noise; None where not.
 
     The spectrum is compared with that of a first-order autoregression and white noise,
 
@@ -53,10 +53,11 @@ def correlation(residual: FloatArray, *, rounded: bool = False) -> float | None:
     Series, 2nd ed., ch. 10 (periodogram, test for hidden periodicities).
     """
     n = residual.size
-    if n < _LEAST:
-        return None
     r = residual - residual.mean()
-    r = r / float(np.abs(r).max())  # only the shape counts, and fourth powers overflow
+    largest = float(np.abs(r).max(initial=0.0))
+    if n < _LEAST or largest == 0.0:
+        return None
+    r = r / largest  # only the shape counts, and fourth powers overflow
     lag_one = float(r[1:] @ r[:-1] / (r @ r))
     if _kurtosis(r) < -_FLAT or _kurtosis(r[1:] - lag_one * r[:-1]) > _PEAKED:
         return None

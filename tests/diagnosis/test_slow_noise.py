@@ -77,6 +77,11 @@ def test_a_short_record_tells_nothing() -> None:
     assert correlation(slow(0.6, 0, 1000)) is not None
 
 
+def test_a_constant_is_no_noise() -> None:
+    assert correlation(np.full(SAMPLES, 1e-9)) is None
+    assert correlation(np.zeros(SAMPLES)) is None
+
+
 def test_the_unit_does_not_matter() -> None:
     noise = slow(0.7, 3)
     assert correlation(1e-9 * noise) == pytest.approx(correlation(noise), rel=1e-9)
