@@ -22,6 +22,8 @@ FloatArray = NDArray[np.float64]
 
 _EXPLODED = 1e100
 """Derivative of a reading [m] by an unknown that is no number any more."""
+_SHARED = 1e-6
+"""Share of a column of another Jacobian, beyond this one, below which it is in both."""
 _ROUGH = 1e-3
 """Error of the scheme, as a share of the reading's range, in the directions of absent effects."""
 
@@ -97,6 +99,15 @@ class BasePoint:
     def project(self, column: FloatArray) -> FloatArray:
         """What the fitted parameters do not explain of a column."""
         return np.asarray(column - self._basis @ (self._basis.T @ column))
+
+    def left_beside(self, other: BasePoint) -> float:
+        """Error [m] where the parameters of another fit to the same records explain as well.
+
+        To first order: what is left of this fit's residual beside the columns of both Jacobians.
+        """
+        more = self.project(other._basis)
+        size, *_ = np.linalg.lstsq(more, self.residual, rcond=_SHARED)
+        return float(np.sqrt(np.mean(np.square(self.residual - more @ size))))
 
     def directions(
         self, effect: Effect, grid: Sequence[Mapping[str, float]] | None = None

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import piezo_opt as po
-from piezo_opt.diagnosis import shortlist
+from piezo_opt.diagnosis import pairs, shortlist
 from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
 from piezo_opt.diagnosis.ladder import _unaided, climb
 from piezo_opt.diagnosis.pairs import pair
@@ -35,6 +35,7 @@ OFFERED: list[Effect] = [
     Creep(elements=1), AmplifierLag(), SensorLag(), NonlinearGain(), SecondMode(),
     ChargeBackCoupling(),
 ]  # fmt: skip
+FEW = {"charge_back_coupling", "nonlinear_gain", "creep", "sensor_lag"}
 
 
 def chirp(time: FloatArray, first: float, last: float) -> FloatArray:
@@ -57,9 +58,14 @@ def below_resonance() -> tuple[po.Fit, HeldOut]:
     return po.solve(question), hold_out(question, test)
 
 
-def test_forces_and_gain_are_found_together_with_the_mechanics_they_need() -> None:
+def test_forces_and_gain_are_found_together_with_the_mechanics_they_need(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     foot, held = below_resonance()
     assert foot.rms > 5.0 * NOISE
+    # To first order these two explain most of all fifteen pairs: no others are fitted.
+    monkeypatch.setattr(pairs, "_SAME", 2.0)
+    monkeypatch.setattr(pairs, "_FITTED", 1)
     found = pair(foot, foot, held, OFFERED, threads=2)
     assert found is not None
     fit, steps = found
@@ -100,7 +106,7 @@ def test_a_ladder_that_ends_astray_is_climbed_two_effects_at_a_time(
     told: list[str] = []
     # One after the other finds these two where the charge is heard without mechanics in the model.
     monkeypatch.setattr(shortlist, "moved", lambda _: None)
-    ladder = climb(foot, held, OFFERED, told.append)
+    ladder = climb(foot, held, [e for e in OFFERED if e.name in FEW], told.append)
     assert {step.name for step in ladder.steps} == {"charge_back_coupling", "nonlinear_gain"}
     assert "second_order" in ladder.refined
     assert ladder.final.rms == pytest.approx(NOISE, rel=0.03)
