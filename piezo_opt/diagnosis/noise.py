@@ -79,7 +79,7 @@ def noise_floor(fit: Fit) -> NoiseFloor:
         step = record.resolution
         rounding += n * (step**2 / 12.0 if step is not None else 0.0)
     rms = float(np.sqrt(max(power, rounding) / samples))
-    slow = _correlations(fit) if fit.rms > _ABOVE * rms else None
+    slow = correlations(fit) if fit.rms > _ABOVE * rms else None
     if slow is not None and follows_drive(fit, BasePoint(fit), rms)[0] > _BY_CHANCE:
         return _slow(fit, slow)
     spread = 1.96 / np.sqrt(2.0 * max(2.0, count))
@@ -96,8 +96,8 @@ def noise_floor(fit: Fit) -> NoiseFloor:
     return NoiseFloor(rms, rms * (1.0 - min(0.9, spread)), rms * (1.0 + spread), False, sentence)
 
 
-def _correlations(fit: Fit) -> list[float] | None:
-    """Correlations from sample to sample where all residuals are first-order noise."""
+def correlations(fit: Fit) -> list[float] | None:
+    """Correlations from sample to sample where all residuals are first-order noise; else None."""
     if not all(record.uniform for record in fit.records):
         return None
     found = [

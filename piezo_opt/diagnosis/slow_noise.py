@@ -11,7 +11,7 @@ from scipy import stats
 
 FloatArray = NDArray[np.float64]
 
-_LEAST: Final = 1000
+LEAST: Final = 1000
 """Samples below which a spectrum does not tell slow noise from structure."""
 _CORRELATIONS: Final = np.arange(0.0, 0.921, 0.02)
 """Beyond 0.92 noise would be as slow as what it hides."""
@@ -55,7 +55,7 @@ def correlation(residual: FloatArray, *, rounded: bool = False) -> float | None:
     n = residual.size
     r = residual - residual.mean()
     largest = float(np.abs(r).max(initial=0.0))
-    if n < _LEAST or largest == 0.0:
+    if n < LEAST or largest == 0.0:
         return None
     r = r / largest  # only the shape counts, and fourth powers overflow
     lag_one = float(r[1:] @ r[:-1] / (r @ r))

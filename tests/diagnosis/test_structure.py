@@ -101,6 +101,18 @@ def test_a_cube_of_the_drive_is_heard(clean: po.Fit) -> None:
     assert any("follows the drive" in c for c in found.clues)
 
 
+def test_levels_that_follow_nothing_recorded_are_heard(clean: po.Fit) -> None:
+    """Beyond three times the floor what has not the spectrum of slow noise is none."""
+    level = np.where(TIME % 0.16 < 0.07, 1.0, -1.0)
+    for size, heard in ((2.0, False), (3.5, True)):
+        said = [left_by(clean, white(seed) + size * NOISE * level) for seed in range(10)]
+        assert sum(any("not recorded" in c for c in one.clues) for one in said) == 10 * heard
+    # Half a second does not tell it from slow noise.
+    short = measured(STILL, TIME[:500], rich(TIME[:500]))
+    fit = fitted(STILL, short)
+    assert not left_by(fit, white(0)[:500] + 3.5 * NOISE * level[:500]).left
+
+
 def known(floor: float) -> NoiseFloor:
     return NoiseFloor(floor, 0.97 * floor, 1.03 * floor, False, "known")
 
