@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.effects.base import Effect
+from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, Start
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Objective
@@ -184,3 +185,11 @@ class BasePoint:
         """Shape values that the records suggest for an absent effect."""
         record = self.question.campaign.records[0]
         return shape_grid(effect, record, record.position - self.fit.readings[0])
+
+
+def base_point(fit: Fit) -> BasePoint | None:
+    """The point of a fit; None where it cannot be simulated again, at the edge of stability."""
+    try:
+        return BasePoint(fit)
+    except (PiezoOptError, ArithmeticError, ValueError):
+        return None

@@ -86,8 +86,9 @@ def contest(
         contenders = [r for r in contenders if r.fit.rms < _HELPS * fit.rms]
     with ThreadPoolExecutor(max_workers=threads) as pool:
         fitted = list(pool.map(lambda r: _chance(fit, r, given), contenders))
-        # Whoever can do exactly what another one does begins there as well.
-        pairs = [(r, other) for r in fitted for other in fitted if other is not r]
+        # Whoever can do exactly what another one does begins there as well, however far behind.
+        behind = [r for r in named if r not in contenders]
+        pairs = [(r, other) for r in [*fitted, *behind] for other in fitted if other is not r]
         fitted += [r for r in pool.map(lambda pair: _after(fit, *pair), pairs) if r is not None]
     return judged(fit, [*rungs, *fitted])
 

@@ -23,7 +23,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.base_point import BasePoint, base_point
 from piezo_opt.diagnosis.detail import in_detail
 from piezo_opt.diagnosis.exchange import exchange
 from piezo_opt.diagnosis.held_out import FOREIGN, HeldOut, elsewhere, rms
@@ -172,11 +172,11 @@ def _promising(question: Identification, likely: Sequence[_Alone], threads: int)
         _, first, second = trial
         return min(first.left_beside(second), second.left_beside(first))
 
-    points = [BasePoint(one.fit) for one in likely]
+    points = [(one, point) for one in likely if (point := base_point(one.fit)) is not None]
     asked = [
-        (trial, points[i], points[j])
-        for i, j in combinations(range(len(likely)), 2)
-        if (trial := _both(question, likely[i], likely[j])) is not None
+        (trial, first, second)
+        for (a, first), (b, second) in combinations(points, 2)
+        if (trial := _both(question, a, b)) is not None
     ]
     with ThreadPoolExecutor(max_workers=threads) as pool:
         errors = list(pool.map(left, asked))

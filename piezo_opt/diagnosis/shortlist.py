@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.base_point import BasePoint, base_point
 from piezo_opt.diagnosis.contest import beside
 from piezo_opt.diagnosis.refinements import moved, stiffened
 from piezo_opt.diagnosis.rung import Trial
@@ -40,7 +40,7 @@ def scored(
         stiff = stiffened(fit)
         if any("motion" in e.requires and e.place is not Place.MOTION for e in absent):
             moving = moved(fit)
-    grounds = [None if ground is None else BasePoint(ground) for ground in (stiff, moving)]
+    grounds = [None if ground is None else base_point(ground) for ground in (stiff, moving)]
     return score(BasePoint(fit), absent, threads, *grounds)
 
 

@@ -347,12 +347,42 @@ def test_static_friction_and_micro_damping_are_details_of_friction() -> None:
 
 def test_friction_begins_at_what_a_mount_does() -> None:
     own = {"alpha": 6e9, "beta": 3e6, "gamma": 1.0, "delta": 0.0}
-    like = Friction().like("hysteretic_force", own)
-    assert like == {"F": 2000.0, "z0": pytest.approx(1 / 3e6)}
+    # Only the products with beta act.
+    for share in (1.0, 0.5):
+        scaled = {**own, "beta": own["beta"] / share, "gamma": share}
+        like = Friction().like("hysteretic_force", scaled)
+        assert like == {"F": pytest.approx(2000.0), "z0": pytest.approx(1 / 3e6)}
+    assert Friction().like("hysteretic_force", {**own, "gamma": -1.0}) is None
     assert HystereticForce().like("friction", {k: float(v) for k, v in like.items()}) == (
         pytest.approx(own)
     )
     assert Friction().like("creep", own) is None
+
+
+def test_however_far_behind_friction_begins_at_what_a_mount_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its own way ended elsewhere; what a law with more freedom has found is a start for it."""
+    time = clock(2000)
+    law = {"F": 20.0, "z0": 2e-6}
+    fit = fitted(MOVING, measured(MOVING, time, rich(time), (Friction(), law)))
+    suspects, _ = score(BasePoint(fit), [Friction(), HystereticForce()])
+    friction, mount = (adding(s) for s in sorted(suspects, key=lambda s: s.name))
+    like = HystereticForce().like("friction", law)
+    assert like is not None
+    there = {**TRUTH, **{f"hysteretic_force.{k}": v for k, v in like.items()}}
+    found = solved(mount.question, {**mount.start, **there})
+    stuck = solved(friction.question, {**friction.start, "friction.z0": 1.0}, 1)
+    assert stuck.rms > 1.02 * found.rms
+    monkeypatch.setattr(module, "_NEAR", 1.02)
+    monkeypatch.setattr(module, "_explained", lambda _: False)
+    monkeypatch.setattr(module, "settled", lambda _: False)
+    monkeypatch.setattr(module, "_chance", lambda _, rung, __: rung)
+    rungs = [Rung(friction, stuck, 0.0), Rung(mount, found, 0.0)]
+    best = contest(fit, rungs, fit.question, 1)[0]
+    assert best.suspect is not None
+    assert best.suspect.name == "friction"
+    assert best.fit.rms == pytest.approx(found.rms, rel=0.005)
 
 
 def test_where_the_best_leaves_no_structure_only_close_ones_are_in_the_contest(

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import piezo_opt as po
+from piezo_opt.diagnosis import base_point as module
 from piezo_opt.diagnosis import pairs, shortlist
+from piezo_opt.diagnosis.base_point import BasePoint, base_point
 from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
 from piezo_opt.diagnosis.ladder import _unaided, climb
 from piezo_opt.diagnosis.pairs import pair
@@ -25,6 +27,7 @@ from piezo_opt.effects import (
     SecondOrder,
     SensorLag,
 )
+from piezo_opt.errors import ModelError
 from piezo_opt.measurement import FloatArray
 from tests.diagnosis.plants import MOVING, NOISE, STILL, TRUTH, clock, measured
 
@@ -83,6 +86,29 @@ def test_forces_and_gain_are_found_together_with_the_mechanics_they_need(
     assert second.held_out_after == rms(error_on(fit, held.record))
     assert max(step.p_value for step in steps) < 1e-6
     assert first.group[0] == first.name
+
+
+def test_who_cannot_be_simulated_again_is_not_paired(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At the edge of stability other sub-steps may be none at all."""
+    foot, held = below_resonance()
+
+    def point(fit: po.Fit) -> BasePoint | None:
+        if "creep" in fit.model:
+            monkeypatch.setattr(module, "BasePoint", _unstable)
+        made = base_point(fit)
+        monkeypatch.setattr(module, "BasePoint", BasePoint)
+        return made
+
+    monkeypatch.setattr(pairs, "_SAME", 2.0)
+    monkeypatch.setattr(pairs, "base_point", point)
+    alone = pairs._alone(foot, held.question, OFFERED, 2)
+    asked = pairs._promising(held.question, alone, 2)
+    assert len(asked) == 10
+    assert not any("creep" in trial.question.model for trial in asked)
+
+
+def _unstable(_: po.Fit) -> BasePoint:
+    raise ModelError("The simulation is not finite at these values.")
 
 
 def test_a_pair_that_leaves_more_than_noise_is_not_believed() -> None:

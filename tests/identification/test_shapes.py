@@ -121,7 +121,7 @@ def test_every_detail_starts_where_it_can_be_felt_and_within_its_limits(name: st
         ("1/V^2", 0.05 / 70.0**2),
         ("1/m", 0.05 / 7e-6),
         ("1/m^2", 0.05 / 7e-6**2),
-        ("s", 3e-3),
+        ("s", 1e-4),
     ],
 )
 def test_a_detail_that_is_0_starts_on_the_scale_of_the_record(unit: str, start: float) -> None:

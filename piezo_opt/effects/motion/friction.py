@@ -50,10 +50,11 @@ class Friction(Effect):
     )  # fmt: skip
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
-        """Nearly the law of a hysteretic force: F = alpha / beta, z0 = 1 / beta."""
-        if other != "hysteretic_force" or own["beta"] <= 0.0:
+        """Nearly a hysteretic force: F = alpha / (beta gamma), z0 = 1 / (beta gamma)."""
+        if other != "hysteretic_force" or own["beta"] * own["gamma"] <= 0.0:
             return None
-        return {"F": own["alpha"] / own["beta"], "z0": 1.0 / own["beta"]}
+        z0 = 1.0 / (own["beta"] * own["gamma"])
+        return {"F": own["alpha"] * z0, "z0": z0}
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Own share of the acceleration and the contact's deflection."""
