@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -372,6 +373,54 @@ def test_two_steps_are_brought_to_their_detail_before_pairs_are_asked_for() -> N
     assert finer.steps[1].rms_after == finer.fit.rms
     assert told == [f"refined {', '.join(finer.refined)}"]
     assert way.detailed(finer) is finer
+
+
+def test_details_come_before_pairs_and_pairs_are_asked_for_once(
+    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ladder, held = two
+    order: list[str] = []
+    found: Any = (SimpleNamespace(suspect=True), None, ())
+    choices = iter([found, None])
+    both = module._Stand(ladder.final, None, (), ladder.steps)
+
+    def noted(name: str, answer: Any) -> Any:
+        def asked(_: Any, at: Any, *__: Any) -> Any:
+            order.append(name)
+            return at if answer is ... else answer
+
+        return asked
+
+    monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
+    monkeypatch.setattr(module, "astray", lambda *_: True)
+    monkeypatch.setattr(module, "nothing_to_win", lambda _: False)
+    monkeypatch.setattr(module._Climb, "choice", lambda *_: next(choices))
+    monkeypatch.setattr(module._Climb, "named", noted("named", both))
+    monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
+    monkeypatch.setattr(module._Climb, "detailed", noted("detailed", ...))
+    monkeypatch.setattr(module._Climb, "together", noted("together", None))
+    top = climb(ladder.baseline, held, [])
+    assert order == ["named", "detailed", "together"]
+    assert [step.name for step in top.steps] == [step.name for step in ladder.steps]
+
+
+@pytest.mark.parametrize(("quiet", "beyond"), [(True, 3), (False, 0)])
+def test_where_only_noise_is_left_laws_with_much_freedom_are_asked_for_their_place(
+    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, quiet: bool, beyond: int
+) -> None:
+    ladder, held = two
+    asked: list[int] = []
+
+    def exchange(*given: Any, **options: Any) -> Any:
+        asked.append(options["beyond"])
+        return given[1], given[2], []
+
+    monkeypatch.setattr(module, "exchange", exchange)
+    monkeypatch.setattr(module, "nothing_to_win", lambda _: quiet)
+    way = module._Climb(ladder.baseline, (), held, [], lambda _: None, 1)
+    stand = module._Stand(ladder.final, None, (), ladder.steps)
+    way.revised(stand, stand)
+    assert asked == [beyond]
 
 
 def test_what_joined_beside_an_effect_is_told() -> None:

@@ -88,6 +88,22 @@ def test_forces_and_gain_are_found_together_with_the_mechanics_they_need(
     assert first.group[0] == first.name
 
 
+def test_few_pairs_are_followed_to_their_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    foot, held = below_resonance()
+    asked: list[int | None] = []
+
+    def race(*given: Any, most: int | None = None) -> list[Rung]:
+        asked.append(most)
+        return tried(*given, most=most) if most is None else []
+
+    tried = pairs.race
+    monkeypatch.setattr(pairs, "race", race)
+    few = [e for e in OFFERED if e.name in FEW]
+    assert pair(foot, foot, held, few, threads=2) is None
+    # Everybody alone, and then those that are paired.
+    assert asked == [None, 12]
+
+
 def test_who_cannot_be_simulated_again_is_not_paired(monkeypatch: pytest.MonkeyPatch) -> None:
     """At the edge of stability other sub-steps may be none at all."""
     foot, held = below_resonance()

@@ -66,6 +66,17 @@ def test_what_switches_between_levels_is_not_noise() -> None:
         assert correlation(switching, rounded=True) is None
 
 
+@pytest.mark.parametrize("rho", [0.5, 0.8])
+def test_levels_and_shots_have_the_spectrum_of_slow_noise_and_are_none(rho: float) -> None:
+    """A pure telegraph signal, and pulses now and then that die away: exactly first order."""
+    for seed in range(10):
+        random = np.random.default_rng(seed)
+        flips = np.cumsum(random.random(SAMPLES) < (1.0 - rho) / 2.0)
+        shots = np.where(random.random(SAMPLES) < 0.02, random.normal(size=SAMPLES), 0.0)
+        assert correlation(np.where(flips % 2, 1.0, -1.0)) is None
+        assert correlation(np.asarray(signal.lfilter([1.0], [1.0, -rho], shots))) is None
+
+
 def test_white_noise_below_slow_noise_is_of_rounding_only() -> None:
     both = slow(0.9, 1) + 0.5 * slow(0.0, 2)
     assert correlation(both) is None
