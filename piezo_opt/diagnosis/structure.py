@@ -20,8 +20,8 @@ FloatArray = NDArray[np.float64]
 _SLOW = 5.0
 """Residual over the high-frequency floor beyond which noise would have to be very slow (a
 first-order correlation above 0.92 from sample to sample)."""
-_SLOWEST = 3.0
-"""The same where the record is long enough to tell by its spectrum that it is no such noise."""
+_TOLD = 3.0
+"""The same where the spectrum tells that it is no such noise."""
 _RARE = 1e-5
 _MATERIAL = 1.06
 """Residual over the floor below which what is left is less than a third of the noise."""
@@ -49,7 +49,7 @@ def structure(fit: Fit, noise: NoiseFloor) -> Structure:
             f"The residual ({show(fit.rms, 'm')}) is above the measured noise "
             f"({show(noise.rms, 'm')})."
         )
-    if not noise.measured and fit.rms > (_SLOWEST if _no_noise(fit) else _SLOW) * noise.rms:
+    if not noise.measured and fit.rms > (_TOLD if _tells(fit) else _SLOW) * noise.rms:
         clues.append(
             f"The residual ({show(fit.rms, 'm')}) is {fit.rms / noise.rms:.2g} times the floor "
             f"at the record's highest frequencies ({show(noise.rms, 'm')}): slow noise, or "
@@ -67,8 +67,9 @@ def structure(fit: Fit, noise: NoiseFloor) -> Structure:
     return Structure(bool(clues), tuple(clues))
 
 
-def _no_noise(fit: Fit) -> bool:
-    """Whether the spectrum of a residual is known not to be that of first-order noise."""
+def _tells(fit: Fit) -> bool:
+    """Whether the spectrum of a residual tells that it is no first-order noise: a short one or
+    uneven samples do not."""
     if not all(record.uniform for record in fit.records):
         return False
     shortest = min(fit.residual(index).size for index in range(len(fit.records)))
