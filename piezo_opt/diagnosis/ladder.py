@@ -154,7 +154,7 @@ class _Climb:
 
     def together(self, at: _Stand) -> _Stand | None:
         """Two effects at once in the place of all steps; None where no two do."""
-        self.tell("fitting every two effects together")
+        self.tell("fitting two effects at a time")
         both = pair(self.foot, at.fit, self.held, self.candidates, self.threads)
         if both is None:
             return None

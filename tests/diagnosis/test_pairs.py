@@ -154,7 +154,7 @@ def test_a_ladder_that_ends_astray_is_climbed_two_effects_at_a_time(
     assert ladder.final.rms == pytest.approx(NOISE, rel=0.03)
     # What stands in the ladder is no longer said to be out of sight.
     assert "charge_back_coupling" not in {one.name for one in ladder.unscored}
-    assert "fitting every two effects together" in told, told
+    assert "fitting two effects at a time" in told, told
 
 
 def test_what_leads_a_stuck_search_out_is_not_named() -> None:
