@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from piezo_opt.benchmark import plants
-from piezo_opt.benchmark.plants import CLASSES, OUTSIDE, HiddenRecord, make
+from piezo_opt.benchmark.plants import CLASSES, OUTSIDE, HiddenRecord, make, records
 from piezo_opt.benchmark.plants.drives import Drive
 from piezo_opt.benchmark.plants.hidden import Hidden, Scale, Scene
 from piezo_opt.benchmark.plants.input_line import ChargeBackCoupling, Delay
 from piezo_opt.benchmark.plants.material import Creep
-from piezo_opt.benchmark.plants.motion import CubicStiffness
+from piezo_opt.benchmark.plants.motion import CubicStiffness, Friction, HystereticForce
 from piezo_opt.benchmark.plants.noise import Noise, read
 from piezo_opt.benchmark.plants.output_line import Backlash
 from piezo_opt.benchmark.plants.physics import Base, Grid, base_responses
@@ -102,6 +102,40 @@ def test_the_charge_on_the_drive_is_stepped_to_second_order() -> None:
     coarse, fine = (rms(read_at(n) - truth) for n in (3, 6))
     assert fine < coarse / 3.0
     assert fine < 1e-3 * np.ptp(truth)
+
+
+@pytest.mark.parametrize(
+    "force",
+    [
+        HystereticForce(intensity=0.1, scale=SCALE, reach=0.05, exponent=1.3, skew=0.2),
+        Friction(intensity=0.05, scale=SCALE, presliding=0.01, static=1.0),
+    ],
+)
+def test_a_jump_is_many_steps_of_a_law_that_has_memory(force: Hidden) -> None:
+    """Without inertia a jump of the drive is one sub-step, and far beyond a contact's reach."""
+    rate, base = 50.0, replace(BASE, static=True)
+    drive = np.repeat(np.array([0.0, 60.0, 10.0, 45.0, 5.0, 55.0, 20.0, 30.0]), 20)
+
+    def read_at(substeps: int) -> NDArray[np.float64]:
+        return simulate(base, [force], scene(base, drive, rate, substeps)).reading
+
+    jump, way = read_at(1), read_at(64)
+    assert rms(jump - way) < 5e-4 * np.ptp(way)
+    assert rms(simulate(base, [], scene(base, drive, rate, 1)).reading - way) > 5e-3 * np.ptp(way)
+
+
+def test_a_record_is_taken_at_sub_steps_that_no_longer_matter(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An amplifier that answers within a sub-step: at four of them the error was the noise's."""
+    taken = {}
+    for halvings in (0, 4, 6):
+        monkeypatch.setattr(records, "_HALVINGS", halvings)
+        monkeypatch.setattr(records, "_CONVERGED", 0.1 if halvings < 6 else 0.0)
+        taken[halvings], _ = make(("amplifier_lag",), 341)
+    noise = taken[4].noise_rms
+    assert rms(taken[0].clean - taken[6].clean) > 0.5 * noise
+    assert rms(taken[4].clean - taken[6].clean) < 0.05 * noise
 
 
 def test_creep_is_logarithmic() -> None:

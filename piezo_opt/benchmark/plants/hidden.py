@@ -69,6 +69,19 @@ class Scene:
     warmer: Array
     seed: int
 
+    def finer(self, values: Array, *, held: bool) -> Scene:
+        """The same record at sub-steps of half the length.
+
+        Args:
+            values: the sampled drive [V].
+            held: whether it is held between the samples.
+        """
+        grid = replace(self.grid, substeps=2 * self.grid.substeps)
+        warmer = np.interp(
+            np.arange(grid.count + 1) / 2.0, np.arange(self.warmer.size), self.warmer
+        )
+        return replace(self, grid=grid, ends=grid.ends(values, held), warmer=warmer)
+
 
 class Pull(Protocol):
     """A term of the loop: what a move adds, and how much it drags on the loop itself."""

@@ -6,10 +6,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, sinh
+from math import ceil, exp, sinh
 from typing import ClassVar, final
 
 from piezo_opt.benchmark.plants.hidden import Force, Hidden, Scene
+
+_PATH_STEP = 0.04
+"""Largest part of a mount's reach travelled in one step of its law."""
 
 
 @final
@@ -72,7 +75,7 @@ class _Bristle:
         self._to = 0.0
 
     def at(self, position: float, velocity: float, free: float, time: float) -> float:
-        """The bristles' force at the end of a step, the slip rule taken at its middle."""
+        """The bristles' force at the end of a step, at the speed of its mean."""
         self._to = position
         if self._from is None:
             self._next = self._z
@@ -80,8 +83,9 @@ class _Bristle:
         moved = (position - self._from) / self._reach
         speed = (position - self._from) / self._step
         slip = 1.0 + (self._static - 1.0) * exp(-((speed / self._speed) ** 2))
-        half = 0.5 * abs(moved) / slip
-        self._next = (self._z * (1.0 - half) + moved) / (1.0 + half)
+        # Exact along a stretch of one direction: a jump of the drive is one step of the plant.
+        level = slip if moved > 0.0 else -slip
+        self._next = level + (self._z - level) * exp(-abs(moved) / slip)
         return self._level * (self._next + self._damping * (self._next - self._z) / self._step)
 
     def keep(self) -> None:
@@ -125,19 +129,25 @@ class _Memory:
         self._to = 0.0
 
     def at(self, position: float, velocity: float, free: float, time: float) -> float:
-        """The force at the end of a step, by the midpoint rule."""
+        """The force at the end of a step, by the midpoint rule along the way."""
         self._to = position
         if self._from is None:
             self._next = self._z
             return self._level * self._z
         moved = (position - self._from) / self._reach
-        middle = self._z
-        for _ in range(2):
-            aligned = 1.0 if moved * middle > 0.0 else -1.0
-            drag = 0.5 * abs(moved) * abs(middle) ** self._rest
-            drag *= (1.0 + self._skew * aligned) / (1.0 + self._skew)
-            middle = (self._z + 0.5 * moved) / (1.0 + drag)
-        self._next = 2.0 * middle - self._z
+        # A jump of the drive is one step of a plant without inertia, and many of the law.
+        parts = max(ceil(abs(moved) / _PATH_STEP), 1)
+        half = 0.5 * moved / parts
+        z = self._z
+        for _ in range(parts):
+            middle = z
+            for _ in range(2):
+                aligned = 1.0 if half * middle > 0.0 else -1.0
+                drag = abs(half) * abs(middle) ** self._rest
+                drag *= (1.0 + self._skew * aligned) / (1.0 + self._skew)
+                middle = (z + half) / (1.0 + drag)
+            z = 2.0 * middle - z
+        self._next = z
         return self._level * self._next
 
     def keep(self) -> None:

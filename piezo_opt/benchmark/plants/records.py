@@ -29,6 +29,9 @@ _FINE_NOISE = (1e-4, 1e-3)
 """The same for interferometers."""
 _WORTH = 0.02
 """Unexplained rms over stroke beyond which no effect is asked to go."""
+_CONVERGED = 0.1
+"""Change over the noise, where sub-steps are halved, below which they are short enough."""
+_HALVINGS = 4
 
 
 @final
@@ -144,8 +147,10 @@ def make(
             continue
         other = _take(random, plant, shows, samples, seed + 1)
         noise = np.random.default_rng([seed, key, _ATTEMPTS])
-        first = _record(noise, plant, train, sized, names, seed)
-        second = _record(noise, plant, other, sized, names, seed)
+        train, clean = _converged(train, sized, names)
+        sized = _resized(train, clean, sized)
+        first = _record(noise, plant, train, clean, sized, names, seed)
+        second = _record(noise, plant, *_converged(other, sized, names), sized, names, seed)
         # A spring that softens may give way under the other drive.
         if np.isfinite(first.position).all() and np.isfinite(second.position).all():
             return (first, second) if test else (first,)
@@ -380,6 +385,34 @@ def _intensity(
     return nearest
 
 
+def _converged(take: _Take, sized: _Sized, names: tuple[str, ...]) -> tuple[_Take, Trace]:
+    """A record at sub-steps that no longer matter beside its noise, and its clean reading.
+
+    What is outside the catalogue happens at the plant's own nodes, and is left as it was sized.
+    """
+    trace = simulate(take.scene.base, sized.effects, take.scene)
+    for _ in range(0 if set(names) & set(BEYOND) else _HALVINGS):
+        scene = take.scene.finer(take.drive.values, held=take.drive.held)
+        coarse, trace = trace, simulate(scene.base, sized.effects, scene)
+        take = replace(take, scene=scene)
+        if _rms(trace.reading - coarse.reading) < _CONVERGED * sized.noise:
+            break
+    return take, trace
+
+
+def _resized(take: _Take, trace: Trace, sized: _Sized) -> _Sized:
+    """The size of one effect on the record as it is taken: its noise is what keeps the ratio."""
+    if len(sized.effects) != 1:
+        return sized
+    plain = simulate(take.scene.base, (), take.scene)
+    base = _start(plain, take.scene.base)
+    seen = tangent(base, base.vector(), take.drive)
+    unexplained = _rms(refit(base, take.drive, trace.reading, seen))
+    return replace(
+        sized, unexplained=unexplained, noise=sized.noise * unexplained / sized.unexplained
+    )
+
+
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values * values)))
 
@@ -395,11 +428,10 @@ def _projected(values: Array, onto: Sequence[Array]) -> Array:
 
 
 def _record(
-    random: np.random.Generator, plant: _Plant, take: _Take, sized: _Sized,
+    random: np.random.Generator, plant: _Plant, take: _Take, trace: Trace, sized: _Sized,
     names: tuple[str, ...], seed: int,
 ) -> HiddenRecord:  # fmt: skip
-    """Simulate, add noise, and write down the truth."""
-    trace = simulate(take.scene.base, sized.effects, take.scene)
+    """Add noise to a clean record, and write down the truth."""
     noise = Noise(sized.noise, plant.colour, plant.resolution)
     position = read(random, trace.reading, noise)
     drive = take.drive
