@@ -22,6 +22,11 @@ ENOUGH_A_SAMPLE = 16
 """The same where models are compared, not estimated."""
 FINEST = 1e-8
 """Scheme error as a share of the reading's range beyond which nothing is refined."""
+_STRAYED = 0.5
+"""Change of the reading over the residual at which sub-steps are too coarse even to compare, for an
+eighth of the error is the scheme's..."""
+_BEYOND = 4.0
+"""...unless it is below so many times what they were chosen for."""
 
 
 @final
@@ -125,6 +130,24 @@ class Objective:
                 coarser = True
             simulator.accuracy = chosen
         return coarser
+
+    def mended(self, theta: FloatArray) -> bool:
+        """Choose anew, at a point, sub-steps that have become far too coarse; True for any.
+
+        Far too coarse are those that, each cut in two, change the reading by a good part of the
+        residual, and by far more than they were chosen for.
+        """
+        strayed = False
+        rms = self.rms(self.residual(theta))
+        for i, simulator in enumerate(self.simulators):
+            theta_i = self.unknowns.of_record(i, theta)
+            span = float(np.ptp(self.question.campaign.records[i].position))
+            change = simulator.halving(theta_i)
+            if not change <= max(_STRAYED * rms, _BEYOND * TOLERANCE * span):
+                most = ENOUGH_A_SAMPLE * self.counted[i].size
+                simulator.accuracy = simulator.choose(theta_i, most=most)
+                strayed = True
+        return strayed
 
     def readings(self, theta: FloatArray) -> list[FloatArray]:
         """Modelled reading of each record, all samples."""

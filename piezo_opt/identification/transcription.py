@@ -18,6 +18,9 @@ from piezo_opt.identification.unknowns import Unknowns
 
 FloatArray = NDArray[np.float64]
 
+_REPEATS = 1
+"""Searches on sub-steps chosen anew, after which the last solution is told as it is."""
+
 
 class Transcription(Protocol):
     """Turns a question into a finite problem and hands it to a solver."""
@@ -52,7 +55,9 @@ class SingleShooting:
     Args:
         refine: whether sub-steps are chosen anew at the solution, and the fit repeated where
             they had been too coarse; without it the scheme may bias what a long record knows
-            very well (a resonance), which does not matter for a comparison of models.
+            very well (a resonance), which does not matter for a comparison of models. Sub-steps
+            whose error has become a good part of what is left are always chosen anew: a search
+            finds where the scheme errs in its favour (two loops in series, at steps of the drive).
     """
 
     refine: bool = True
@@ -91,4 +96,11 @@ class SingleShooting:
             solution = taken.minimise(objective, solution.theta)
         elif self.refine:
             solution = replace(solution, point=None)  # on other sub-steps than were chosen since
+        for again in reversed(range(_REPEATS + 1)):
+            if self.refine or not objective.mended(solution.theta):
+                break
+            solution = (
+                taken.minimise(objective, solution.theta) if again
+                else replace(solution, point=None)
+            )  # fmt: skip
         return replace(solution, accuracy=objective.accuracy)

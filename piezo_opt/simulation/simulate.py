@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
 from typing import Final, final
@@ -179,6 +179,13 @@ class Simulator:
     def reading(self, values: Mapping[str, float]) -> FloatArray:
         """The reading (N,) [m]."""
         return self._run(values, self.accuracy.substeps).reading
+
+    def halving(self, values: Mapping[str, float]) -> float:
+        """Root mean square by which the reading changes where every sub-step is cut in two [m]."""
+        coarse = self.accuracy.substeps
+        finer = self._run(values, replace(coarse, times=2 * coarse.times)).reading
+        change = self._run(values, coarse).reading - finer
+        return float(np.sqrt(np.mean(change**2)))
 
     def response(self, values: Mapping[str, float]) -> Response:
         """Reading, states and sensitivities."""

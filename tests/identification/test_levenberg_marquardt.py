@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 
 import piezo_opt as po
+from piezo_opt.effects import HystereticForce, Spring
 from piezo_opt.identification import Ending
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Linearised, Objective
+from piezo_opt.identification.solvers.base import Solution
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
 from piezo_opt.identification.transcription import SingleShooting
-from piezo_opt.identification.unknowns import Unknown, Unknowns
+from piezo_opt.identification.unknowns import Unknown, Unknowns, theta_of
 from piezo_opt.measurement import FloatArray
-from tests.identification.truth import LINE, loops, objective_of
+from tests.identification.truth import LINE, STILL, loops, objective_of
 
 TIME, DRIVE = loops(200)
 D, Y0 = "piezo_gain.d", "offset.y0"
@@ -297,3 +299,43 @@ def test_a_point_on_other_sub_steps_is_not_the_solution_s() -> None:
             question, objective.unknowns, theta, None, Monitor(objective.unknowns.names)
         )
         assert (solution.point is None) == refine
+
+
+def test_sub_steps_that_err_by_what_is_left_are_chosen_anew_even_for_a_comparison() -> None:
+    """A search finds where the scheme errs in its favour: two loops in series, at drive steps."""
+    time = np.arange(400) / 20.0
+    drive = np.repeat(np.array([0.0, 60.0, 10.0, 45.0, 5.0, 55.0, 20.0, 30.0]), 50)
+    model = STILL + Spring() + HystereticForce()
+    calm = {
+        D: 1.2e-7, "bouc_wen.alpha": 3e-8, "bouc_wen.beta": 0.03, "bouc_wen.gamma": 5e-3,
+        "offset.y0": 0.0, "hysteretic_force.alpha": 0.0, "hysteretic_force.beta": 1e3,
+    }  # fmt: skip
+    steep = {**calm, "hysteretic_force.alpha": 4e5, "hysteretic_force.beta": 8e6}
+    blank = po.Measurement(time, drive, 1e-7 * drive, allow_saturated=True)
+    record = blank.with_(position=po.simulate(model, blank, steep).reading)
+    question = po.Identification(model, record, start=po.Start.REST)
+    objective, theta = objective_of(question, calm)
+    assert not objective.mended(theta)
+    there = theta_of(objective.unknowns, po.Values({**po.Values.nominal(model), **steep}))
+    before = objective.rms(objective.residual(there))
+    assert objective.mended(there)
+    after = objective.rms(objective.residual(there))
+    assert before > 1e-9 > 10.0 * after
+    # So a comparison of models is never won by sub-steps chosen elsewhere.
+    solution = SingleShooting(refine=False).identify(
+        question, objective.unknowns, theta, Jump(there), Monitor(objective.unknowns.names)
+    )
+    assert solution.point is not None
+    assert objective.rms(solution.point.residual) == pytest.approx(after)
+
+
+class Jump:
+    """A solver that ends where it is told."""
+
+    name = "jump"
+
+    def __init__(self, to: FloatArray) -> None:
+        self._to = to
+
+    def minimise(self, objective: Objective, start: FloatArray) -> Solution:
+        return Solution(self._to, Ending.CONVERGED, "", point=objective.linearised(self._to))
