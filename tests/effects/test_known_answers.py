@@ -496,6 +496,9 @@ def test_temperature_changes_the_gain_and_expansion_the_zero() -> None:
     reading, _ = respond(model, time, drive, values, temperature=warmth)
     expected = (1e-7 + 3e-10 * (warmth - 293.15)) * drive + 2e-7 * (warmth - 290.0)
     np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-15)
+    bent, _ = respond(model, time, drive, {**values, "temperature.bend": 0.02}, temperature=warmth)
+    more = 3e-10 * 0.02 * (warmth - 293.15) ** 2 * drive
+    np.testing.assert_allclose(bent - reading, more, rtol=0, atol=1e-15)
 
 
 def settled(model: Model, values: Mapping[str, float], volts: float = 50.0) -> float:
