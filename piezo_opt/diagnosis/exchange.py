@@ -17,7 +17,7 @@ from typing import final
 
 from piezo_opt.diagnosis.grouping import group_of
 from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, rms
-from piezo_opt.diagnosis.refinements import plausible
+from piezo_opt.diagnosis.refinements import explained, plausible, shape_refinements
 from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, adding, bic_gain, judged, race, solved
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.shortlist import scored, shortlist
@@ -28,6 +28,9 @@ from piezo_opt.identification import Fit
 
 _LIKELY = 1e-3
 """Corrected p-value below which a rival is fitted."""
+_NEAR = 1.5
+"""Error over the best rival's up to which another one is tried in more detail."""
+_MOST = 3
 
 
 @final
@@ -117,7 +120,25 @@ def _seen(fit: Fit, step: Step, candidates: Sequence[Effect], threads: int) -> _
     trials += [replace(trial, start={**trial.start, **standing}) for trial in trials]
     rungs = race(poorer, trials, threads)
     ranked = judged(poorer, [r for r in rungs if plausible(r)])
-    return _Seen(poorer, suspects, ranked)
+    return _Seen(poorer, suspects, judged(poorer, [*ranked, *_shaped(poorer, ranked, threads)]))
+
+
+def _shaped(poorer: Fit, ranked: Sequence[Rung], threads: int) -> list[Rung]:
+    """The closest rivals in more detail of their own, where none of them leaves but noise."""
+    if not ranked or explained(ranked[0].fit):
+        return []
+    names: dict[str, Rung] = {}
+    for rung in ranked:
+        if rung.suspect is not None and rung.fit.rms < _NEAR * ranked[0].fit.rms:
+            names.setdefault(rung.suspect.name, rung)
+    shaped = []
+    for name, rung in list(names.items())[:_MOST]:
+        own = [
+            replace(trial, suspect=rung.suspect) for trial in shape_refinements(rung.fit)
+            if all(k.split(".")[0] == name for k in trial.refines)
+        ]  # fmt: skip
+        shaped += race(poorer, own, threads)
+    return [rung for rung in shaped if plausible(rung)]
 
 
 def _rival(fit: Fit, step: Step, seen: _Seen, held: HeldOut) -> Rung | None:

@@ -19,6 +19,8 @@ from piezo_opt.effects import (
     AmplifierLag,
     Creep,
     Effect,
+    Friction,
+    HystereticForce,
     NonlinearGain,
     RateDependence,
     SecondMode,
@@ -207,3 +209,18 @@ def test_the_held_out_record_has_a_veto(
     monkeypatch.setattr(module, "elsewhere", lambda *_: None)
     _, _, gone = exchange(foot, fit, steps, replace(held, record=None), OFFERED, threads=2)
     assert gone
+
+
+def test_rivals_are_compared_in_the_details_of_their_shapes() -> None:
+    """A mount has more freedom than friction without its Stribeck level, and less than with it."""
+    time = clock(4000)
+    contact = {"F": 0.05, "z0": 4e-7, "stribeck": 1.4, "w_s": 1e-4, "tau": 1e-3}
+    train = measured(MOVING, time, rich(time), (Friction(), contact))
+    test = measured(MOVING, time, triangle(time, 0.9), (Friction(), contact), seed=1)
+    foot, fit, steps, held = climbed(train, test, HystereticForce())
+    offered: list[Effect] = [HystereticForce(), Friction()]
+    better, now, gone = exchange(foot, fit, steps, held, offered, threads=2, last=True)
+    assert gone == [("hysteretic_force", "friction")]
+    assert [step.name for step in now] == ["friction"]
+    assert better.rms == pytest.approx(5e-9, rel=0.03)
+    assert "friction.stribeck" in better.names
