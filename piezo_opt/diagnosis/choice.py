@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from piezo_opt.diagnosis.refinements import (
     refinements,
     with_base_details,
 )
-from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, adding, race
+from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, adding, finely, race
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.shortlist import entrants, further, shortlist
 from piezo_opt.diagnosis.structure import structure
@@ -153,6 +154,7 @@ def chosen(
     fit: Fit,
     error: FloatArray | None,
     rungs: Sequence[tuple[Rung, FloatArray | None]],
+    held: HeldOut,
     *,
     first: bool,
 ) -> tuple[Rung, FloatArray | None] | None:
@@ -162,16 +164,27 @@ def chosen(
     record of another kind is judged on: without it an effect would be named for its sake. What is
     found first may leave a record of another kind as it was, if that shows far more than what is
     then left, until the end of the ladder; beside what was found already another name must prove
-    itself where it is judged.
+    itself where it is judged. Where the held-out data contradict what leaves but noise, it is
+    fitted finely first: the scheme's error looks like a shift of the resonance, which one record
+    hardly shows and another above all.
     """
+    asked = False
     for rung, after in rungs:
         halved = rung.fit.rms < _HALVED * fit.rms
         lenient = (rung.fit.rms if halved else fit.rms) if first else np.inf
         detail = rung.suspect is None
         worth = _DETAIL if detail else WORTH
         level = detail and (rms(after) or 0.0) <= _TOLERATED * (rms(error) or np.inf)
-        if rung.fit.rms < (1.0 - worth) * fit.rms and (level or agrees(error, after, lenient)):
+        if rung.fit.rms >= (1.0 - worth) * fit.rms:
+            continue
+        if level or agrees(error, after, lenient):
             return rung, after
+        if not asked and explained(rung.fit):
+            asked = True
+            fine = finely(rung.fit)
+            after = elsewhere(fine, held)
+            if agrees(error, after, lenient):
+                return replace(rung, fit=fine), after
     return None
 
 

@@ -328,7 +328,7 @@ def _elsewhere(found: Structure, climbed: Ladder, held: HeldOut, floor: NoiseFlo
         f"{there / here:.2g} times that on the fitted one: what was found does not carry over, or "
         "that record shows what this one cannot. Fit both together."
     )
-    return Structure(True, (*found.clues, clue))
+    return Structure(True, (*found.clues, clue), only_elsewhere=not found.left)
 
 
 def _laws(withhold: Sequence[str]) -> list[type[Effect]]:
@@ -412,4 +412,6 @@ def _headline(diagnosis: Diagnosis) -> str:
         other = f" Another hysteresis law fits better still: {better[0]}." if better else ""
         return f"Missing: {names}. The error falls from {before} to {after}.{other}"
     found = f"With {names} the error falls from {before} to {after}, but " if names else ""
+    if diagnosis.structure.only_elsewhere and diagnosis.unexplained is None:
+        return f"Unexplained: {found}the record that is judged on is not predicted as well."
     return f"Unexplained: {found}structure is left that no effect of the catalogue explains."

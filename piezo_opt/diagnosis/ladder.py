@@ -18,6 +18,7 @@ from piezo_opt.diagnosis.choice import (
     ordered,
     refits,
 )
+from piezo_opt.diagnosis.confirm import confirmed
 from piezo_opt.diagnosis.detail import in_detail
 from piezo_opt.diagnosis.exchange import exchange
 from piezo_opt.diagnosis.grouping import group_of
@@ -131,7 +132,8 @@ class _Climb:
         rungs = refits(
             at.fit, self.held, at.now, first=first, bar=bar, tell=self.tell, threads=self.threads
         )
-        taken = chosen(at.fit, at.error, ordered(rungs, self.held, self.threads), first=first)
+        ranked = ordered(rungs, self.held, self.threads)
+        taken = chosen(at.fit, at.error, ranked, self.held, first=first)
         if taken is None:
             return None
         rung, after = taken
@@ -164,7 +166,7 @@ class _Climb:
         gone = tuple(step.name for step in at.steps if step.name not in names)
         stand = replace(
             at, steps=tuple(steps), refined=(*at.refined, *_freed(self.foot, fit)),
-            dropped=(*at.dropped, *gone), unconfirmed=None,
+            dropped=(*at.dropped, *gone), unconfirmed=None, touched=True,
         )  # fmt: skip
         return self.scored(self.onto(stand, fit))
 
@@ -291,7 +293,11 @@ def climb(
         at = way.scored(at)
     if at.steps and at.touched:
         at = way.pruned(at, last=True)
-    if at.steps and at.unconfirmed and not agrees(bottom, elsewhere(at.fit, held)):
+    if (
+        at.steps
+        and at.unconfirmed
+        and not (agrees(bottom, elsewhere(at.fit, held)) or confirmed(baseline, at.fit, held))
+    ):
         # Not even with all that came after it does the other record want it.
         tell(f"refused {', '.join(step.name for step in at.steps)}")
         at = at.unconfirmed

@@ -107,6 +107,14 @@ def solved(question: Identification, start: Mapping[str, float], iterations: int
     return fit
 
 
+def finely(fit: Fit) -> Fit:
+    """A fit on sub-steps fine enough to estimate by; itself where that cannot be had."""
+    try:
+        return solve(fit.question, start=fit.values, statistics=False)
+    except (PiezoOptError, ArithmeticError, ValueError):
+        return fit
+
+
 def race(fit: Fit, trials: Sequence[Trial], threads: int, *, most: int | None = None) -> list[Rung]:
     """Refit all trials; only those that are still near the best are followed to their end.
 

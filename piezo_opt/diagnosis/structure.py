@@ -35,10 +35,12 @@ class Structure:
     Attributes:
         left: whether there is structure beyond noise.
         clues: sentences, one for each sign.
+        only_elsewhere: whether all of them are about another record than the fitted one.
     """
 
     left: bool
     clues: tuple[str, ...]
+    only_elsewhere: bool = False
 
 
 def structure(fit: Fit, noise: NoiseFloor) -> Structure:

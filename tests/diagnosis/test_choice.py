@@ -308,6 +308,7 @@ def test_who_explains_one_record_and_not_the_other_has_every_effect_asked(
     assert asked == ([everybody] if asked_again else [])
 
 
+@pytest.mark.usefixtures("judged")
 @pytest.mark.parametrize(
     ("error", "elsewhere", "first", "taken"),
     [
@@ -324,4 +325,34 @@ def test_what_is_found_first_may_leave_another_record_as_it_was(
     before = random.normal(size=500)
     after = elsewhere * before * np.sign(random.normal(size=500))
     ordered = [(effect("dead_zone", error), after)]
-    assert (choice.chosen(fit(1.0), before, ordered, first=first) is not None) == taken
+    assert (choice.chosen(fit(1.0), before, ordered, JUDGED, first=first) is not None) == taken
+
+
+@pytest.mark.parametrize(
+    ("noise_left", "fine_error", "taken"),
+    [(True, 0.5, True), (True, 1.5, False), (False, 0.5, False)],
+)
+@pytest.mark.usefixtures("judged")
+def test_what_leaves_but_noise_is_fitted_finely_before_it_is_refused(
+    noise_left: bool, fine_error: float, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The scheme's error looks like a shift of the resonance: another record shows that most."""
+    finely: list[float] = []
+
+    def fine(of: Any) -> Any:
+        finely.append(of.rms)
+        return fit(of.rms, fine_error)
+
+    monkeypatch.setattr(choice, "finely", fine)
+    monkeypatch.setattr(choice, "explained", lambda _: noise_left)
+    before, after = np.array([1.0, -1.0]), np.array([2.0, -2.0])
+    rungs = [(effect("fringes", 0.4, 2.0), after), (effect("other", 0.6, 2.0), after)]
+    found = choice.chosen(fit(1.0), before, rungs, JUDGED, first=True)
+    # Once is enough: it is the best one's chance.
+    assert finely == ([0.4] if noise_left else [])
+    assert (found is not None) == taken
+    if found is not None:
+        rung, error = found
+        assert label(rung) == "fringes"
+        assert rung.fit.elsewhere == fine_error
+        assert rms(error) == pytest.approx(fine_error)

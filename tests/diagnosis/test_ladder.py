@@ -13,6 +13,7 @@ import piezo_opt as po
 from piezo_opt.diagnosis import choice
 from piezo_opt.diagnosis import ladder as module
 from piezo_opt.diagnosis import prune as pruning
+from piezo_opt.diagnosis.confirm import confirmed
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, hold_out, rms
 from piezo_opt.diagnosis.ladder import Ladder, _of_base, climb
 from piezo_opt.diagnosis.prune import prune
@@ -452,3 +453,28 @@ def test_a_look_alike_that_halves_the_error_is_an_effect_of_its_own(
     assert "creep" in merged.steps[0].group
     assert "creep" in merged.final.model
     assert merged.final.rms == pytest.approx(apart.final.rms, rel=1e-3)
+
+
+def test_another_record_confirms_beside_a_base_that_may_follow_it() -> None:
+    """Triangles hardly shake the resonance: their fit misses a chirp by it, with and without."""
+    time = clock(3000)
+    bent = NonlinearGain(), {"k2": 1.5e-10}
+    train = measured(MOVING, time, triangle(time, 1.0), bent)
+    chirp = 30.0 + 25.0 * np.sin(2.0 * np.pi * (2.0 * time + 15.0 * time**2))
+    foot = fitted(MOVING, train)
+    richer = solved(
+        po.Identification(MOVING + NonlinearGain(), train),
+        {**foot.values, "nonlinear_gain.k2": 1e-10},
+    )
+    # As if the resonance were known a little worse than it is.
+    off = replace(richer, values=po.Values({**richer.values, "second_order.omega": 370.0}))
+    assert rms(error_on(off, measured(MOVING, time, chirp, bent))) > 10.0 * NOISE
+    for hidden, expected in ((bent,), True), ((), False):
+        other = measured(MOVING, time, chirp, *hidden, seed=1)
+        held = hold_out(po.Identification(MOVING, train), other)
+        assert confirmed(foot, off, held) == expected
+    # Nor is confirmed what leaves more than noise, or what the record cannot show.
+    assert not confirmed(foot, foot, held)
+    blind = measured(MOVING, time, 0.05 * chirp, bent, seed=1)
+    assert not confirmed(foot, off, hold_out(po.Identification(MOVING, train), blind))
+    assert not confirmed(foot, off, replace(held, record=None))
