@@ -20,6 +20,7 @@ from piezo_opt.diagnosis.refinements import (
     explained,
     plausible,
     shape_refinements,
+    with_base_details,
 )
 from piezo_opt.diagnosis.rung import Rung, Trial, bic_gain, judged, solved
 from piezo_opt.diagnosis.scores import Suspect
@@ -29,7 +30,7 @@ from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.shapes import own
-from piezo_opt.identification.starting import joint_start
+from piezo_opt.identification.starting import joint_starts
 
 _NEAR = 2.5
 """Error over the best contender's up to which another one is still in the contest."""
@@ -118,13 +119,20 @@ def _chance(fit: Fit, rung: Rung, given: Identification) -> Rung:
     """The best fit that a contender can be brought to, from where it is and from a fresh start."""
     assert rung.suspect is not None
     best = _founded(fit, rung)
-    for trial in _fresh(fit, rung.suspect, given):
+    first, second = _fresh(fit, rung.suspect, given)
+    for trial in first:
         fresh = _fitted(fit, trial, rung.suspect)
         if fresh is not None and fresh.fit.rms < _WORTH * best.fit.rms:
             fresh = _founded(fit, fresh)
             if bic_gain(best.fit, fresh.fit) > 0:
                 best = fresh
-    return _shaped(fit, best, rung.suspect)
+    best = _shaped(fit, best, rung.suspect)
+    for trial in [] if explained(best.fit) else second:
+        # Behind where the base model stood without its details; beside them it may be ahead.
+        other = _fitted(fit, with_base_details(trial), rung.suspect)
+        if other is not None and bic_gain(best.fit, other.fit) > 0:
+            best = _shaped(fit, other, rung.suspect)
+    return best
 
 
 def _founded(fit: Fit, best: Rung) -> Rung:
@@ -178,14 +186,18 @@ def _fitted(fit: Fit, trial: Trial, suspect: Suspect) -> Rung | None:
     return rung if plausible(rung) else None
 
 
-def _fresh(fit: Fit, suspect: Suspect, given: Identification) -> list[Trial]:
-    """The contender beside a base model that has forgotten what it was bent to without it."""
-    found = []
+def _fresh(fit: Fit, suspect: Suspect, given: Identification) -> tuple[list[Trial], list[Trial]]:
+    """The contender beside a base model that has forgotten what it was bent to without it.
+
+    Best starts and second ones.
+    """
+    best, second = [], []
     for trial in beside(fit, given, suspect):
         with suppress(PiezoOptError, ArithmeticError, ValueError):
-            start = joint_start(trial.question, trial.question.model.names[-1])
-            found.append(replace(trial, start=start))
-    return found
+            starts = joint_starts(trial.question, trial.question.model.names[-1])
+            best.append(replace(trial, start=starts[0]))
+            second += [replace(trial, start=start) for start in starts[1:]]
+    return best, second
 
 
 def beside(fit: Fit, given: Identification, suspect: Suspect) -> list[Trial]:

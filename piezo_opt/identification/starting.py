@@ -42,6 +42,8 @@ _STRETCH = 2500
 """Samples that are enough to choose a resonance by."""
 _FOLLOWED = 4
 """Joint trials that are followed by a few Gauss-Newton steps."""
+_APART = 3.0
+"""Ratio of a shape's values from which two starts are not the same."""
 _CHEAP = 1000
 """Samples up to which several trials are followed by a few Gauss-Newton steps."""
 
@@ -153,10 +155,17 @@ def resonance_start(
 
 
 def joint_start(question: Identification, name: str) -> Values:
-    """Where to begin with an optional effect, as if the fit without it had never been.
+    """The best of :func:`joint_starts`."""
+    return joint_starts(question, name)[0]
+
+
+def joint_starts(question: Identification, name: str) -> tuple[Values, ...]:
+    """Where to begin with an optional effect, as if the fit without it had never been; best first.
 
     A fit without the effect has bent its loop to imitate it. Here the width of the loop and the
-    effect's shapes are searched together; everything that enters linearly follows.
+    effect's shapes are searched together; everything that enters linearly follows. A second start
+    is the best one whose shapes are elsewhere, where there is one: beside details of the base
+    model that are not free yet the wrong one may be ahead.
 
     Args:
         question: the effect and the base model; values it gives are kept.
@@ -191,7 +200,17 @@ def joint_start(question: Identification, name: str) -> Values:
             trials.append(search.trial({**start, **own, **wide}, (gate,)))
     trials.sort(key=lambda pair: pair[0])
     followed = [search.followed(found) for _, found in trials[:_FOLLOWED]]
-    return Values({**start, **min(followed, key=lambda pair: pair[0])[1]})
+    ranked = [found for _, found in sorted(followed, key=lambda pair: pair[0])]
+    best = ranked[0]
+    shaping = sorted(k for k in best if k.startswith(f"{name}.") and k != gate)
+    other = next((found for found in ranked[1:] if _elsewhere(found, best, shaping)), None)
+    return tuple(Values({**start, **one}) for one in (best, other) if one is not None)
+
+
+def _elsewhere(found: dict[str, float], best: dict[str, float], shapes: Sequence[str]) -> bool:
+    """Whether one start has a shape of another size than another start."""
+    sizes = [(abs(found[k]), abs(best[k])) for k in shapes if found[k] and best[k]]
+    return any(not best_k / _APART < k < best_k * _APART for k, best_k in sizes)
 
 
 def straight_line(record: Measurement) -> tuple[float, float]:

@@ -38,7 +38,7 @@ from piezo_opt.effects import (
     SecondOrder,
 )
 from piezo_opt.identification.default import shown
-from piezo_opt.identification.starting import joint_start
+from piezo_opt.identification.starting import joint_start, joint_starts
 from tests.diagnosis.plants import (
     MOVING,
     NOISE,
@@ -412,3 +412,27 @@ def test_where_the_best_leaves_no_structure_only_close_ones_are_in_the_contest(
         contest(fit, rungs, fit.question, 1)
         assert bool(far & set(fought)) is not quiet
         assert "creep" in fought
+
+
+def test_a_contender_has_a_second_start_where_its_shapes_may_be_elsewhere(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of two presliding distances the wrong one may be ahead beside a loop that is not round."""
+    time = clock(2000)
+    law = {"F": 0.05, "z0": 4e-7}
+    fit = fitted(MOVING, measured(MOVING, time, rich(time), (Friction(), law)))
+    (suspect,), _ = score(BasePoint(fit), [Friction()])
+    trial = adding(suspect)
+    starts = joint_starts(fit.question.with_model(MOVING + Friction()), "friction")
+    assert len(starts) == 2
+    first, second = (start["friction.z0"] for start in starts)
+    assert not 1.0 / 3.0 < first / second < 3.0
+    assert joint_start(fit.question.with_model(MOVING + Friction()), "friction") == starts[0]
+    stuck = Rung(trial, solved(trial.question, {**trial.start, "friction.z0": 1.0}, 1), 0.0)
+    wrong = {**trial.start, "friction.F": 1e-3, "friction.z0": 1.0}
+    right = {**trial.start, **{f"friction.{k}": v for k, v in law.items()}}
+    monkeypatch.setattr(module, "joint_starts", lambda *_: (wrong, right))
+    monkeypatch.setattr(module, "_founded", lambda _, rung: rung)
+    best = module._chance(fit, stuck, fit.question)
+    assert best.fit.values["friction.z0"] == pytest.approx(4e-7, rel=0.05)
+    assert best.fit.rms == pytest.approx(NOISE, rel=0.05)
