@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 
+import pytest
 from hypothesis import settings
 
 # Set before the first import of numpy and matplotlib, and inherited by processes that tests start.
@@ -21,3 +22,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 settings.register_profile("repeat", deadline=None, derandomize=True)
 settings.register_profile("search", deadline=None, max_examples=1000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeat"))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest test first: at the end one worker would wait minutes for the other."""
+    items.sort(key=lambda item: "flexure_diagnosis" not in item.name)
