@@ -469,6 +469,13 @@ def test_another_record_confirms_beside_a_base_that_may_follow_it() -> None:
     # As if the resonance were known a little worse than it is.
     off = replace(richer, values=po.Values({**richer.values, "second_order.omega": 370.0}))
     assert rms(error_on(off, measured(MOVING, time, chirp, bent))) > 10.0 * NOISE
+    judge = measured(MOVING, time, chirp, bent, seed=1)
+    alike = hold_out(po.Identification(MOVING, train), judge)
+    # The effect's own values are those that were found, and what leaves more than noise waits.
+    tripled = {**off.values, "nonlinear_gain.k2": 3.0 * off.values["nonlinear_gain.k2"]}
+    assert not confirmed(foot, replace(off, values=po.Values(tripled)), alike)
+    slow = 3e-8 * np.sin(2.0 * np.pi * 3.0 * time)
+    assert not confirmed(foot, replace(off, readings=(off.readings[0] + slow,)), alike)
     for hidden, expected in ((bent,), True), ((), False):
         other = measured(MOVING, time, chirp, *hidden, seed=1)
         held = hold_out(po.Identification(MOVING, train), other)
