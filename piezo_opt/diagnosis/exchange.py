@@ -31,6 +31,7 @@ _LIKELY = 1e-3
 _NEAR = 1.5
 """Error over the best rival's up to which another one is tried in more detail."""
 _MOST = 3
+"""Rivals that are tried so."""
 
 
 @final

@@ -95,24 +95,30 @@ def adding(suspect: Suspect) -> Trial:
 
 def solved(question: Identification, start: Mapping[str, float], iterations: int = 40) -> Fit:
     """A fit good enough to compare models by; an interrupt ends the ladder, not only this fit."""
-    fit = solve(
-        question,
-        start=start,
-        solver=LevenbergMarquardt(iterations=iterations, tolerance=_CLOSE),
-        transcription=SingleShooting(refine=False),
-        statistics=False,
+    solver = LevenbergMarquardt(iterations=iterations, tolerance=_CLOSE)
+    coarse = SingleShooting(refine=False)
+    return _heeding(
+        solve(question, start=start, solver=solver, transcription=coarse, statistics=False)
     )
-    if fit.outcome.ending is Ending.INTERRUPTED:
-        raise KeyboardInterrupt
-    return fit
 
 
 def finely(fit: Fit) -> Fit:
     """A fit on sub-steps fine enough to estimate by; itself where that cannot be had."""
     try:
-        return solve(fit.question, start=fit.values, statistics=False)
+        return _heeding(solve(fit.question, start=fit.values, statistics=False))
     except (PiezoOptError, ArithmeticError, ValueError):
         return fit
+
+
+def _heeding(fit: Fit) -> Fit:
+    """A fit that nobody interrupted.
+
+    Raises:
+        KeyboardInterrupt: somebody did.
+    """
+    if fit.outcome.ending is Ending.INTERRUPTED:
+        raise KeyboardInterrupt
+    return fit
 
 
 def race(fit: Fit, trials: Sequence[Trial], threads: int, *, most: int | None = None) -> list[Rung]:

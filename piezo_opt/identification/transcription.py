@@ -18,9 +18,6 @@ from piezo_opt.identification.unknowns import Unknowns
 
 FloatArray = NDArray[np.float64]
 
-_REPEATS = 1
-"""Searches on sub-steps chosen anew, after which the last solution is told as it is."""
-
 
 class Transcription(Protocol):
     """Turns a question into a finite problem and hands it to a solver."""
@@ -96,11 +93,8 @@ class SingleShooting:
             solution = taken.minimise(objective, solution.theta)
         elif self.refine:
             solution = replace(solution, point=None)  # on other sub-steps than were chosen since
-        for again in reversed(range(_REPEATS + 1)):
-            if self.refine or not objective.mended(solution.theta):
-                break
-            solution = (
-                taken.minimise(objective, solution.theta) if again
-                else replace(solution, point=None)
-            )  # fmt: skip
+        elif objective.mended(solution.theta):
+            solution = taken.minimise(objective, solution.theta)
+            if objective.mended(solution.theta):
+                solution = replace(solution, point=None)  # told on the sub-steps that it needs
         return replace(solution, accuracy=objective.accuracy)

@@ -272,6 +272,8 @@ def test_an_explanation_that_does_not_carry_over_is_none() -> None:
     assert [s.name for s in found.steps] == ["creep"]
     assert found.verdict == "unexplained"
     assert any("does not carry over" in clue for clue in found.structure.clues)
+    # Nothing is left here; the first line must not say that the catalogue lacks something.
+    assert "the record that is judged on is not predicted as well" in found.headline
     kept = diagnose(fit, test=quiet, advise=False)
     assert [s.name for s in kept.steps] == ["creep"]
     assert kept.verdict == "missing"

@@ -11,16 +11,18 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis import base_point as module
+from piezo_opt.diagnosis import ladder as climbing
 from piezo_opt.diagnosis import pairs, shortlist
 from piezo_opt.diagnosis.base_point import BasePoint, base_point
 from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
 from piezo_opt.diagnosis.ladder import _unaided, climb
 from piezo_opt.diagnosis.pairs import pair
-from piezo_opt.diagnosis.rung import Rung, Trial
+from piezo_opt.diagnosis.rung import Rung, Trial, solved
 from piezo_opt.effects import (
     AmplifierLag,
     ChargeBackCoupling,
     Creep,
+    Drift,
     Effect,
     NonlinearGain,
     SecondMode,
@@ -29,7 +31,7 @@ from piezo_opt.effects import (
 )
 from piezo_opt.errors import ModelError
 from piezo_opt.measurement import FloatArray
-from tests.diagnosis.plants import MOVING, NOISE, STILL, TRUTH, clock, measured
+from tests.diagnosis.plants import MOVING, NOISE, STILL, TRUTH, clock, fitted, measured, rich
 
 CHARGE = ChargeBackCoupling(), {"kappa": 2e4, "tau": 4e-3}
 BENT = NonlinearGain(), {"k2": -5e-11}
@@ -182,3 +184,24 @@ def test_what_carries_its_share_is_no_mere_help() -> None:
     fit = po.solve(question, start={**TRUTH, **_named(lag)})
     name: Any = SimpleNamespace(name="amplifier_lag")
     assert _unaided(Rung(Trial(question, fit.values, name), fit, 100.0)) is None
+
+
+def test_what_a_pair_does_not_need_is_dropped_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside its details one of the two may have nothing left to do."""
+    time = clock(2000)
+    creep = Creep(elements=1), {"c": 0.02, "tau": 0.1}
+    train = measured(STILL, time, rich(time), creep)
+    test = measured(STILL, time, rich(time)[::-1], creep, seed=1)
+    question = po.Identification(STILL, train)
+    foot = fitted(STILL, train)
+    both = solved(
+        question.with_model(STILL + Creep(elements=1) + Drift()),
+        {**foot.values, **_named(creep), "drift.rate": 1e-10},
+    )
+    steps = [pairs._step(foot, both, name) for name in ("creep", "drift")]
+    monkeypatch.setattr(climbing, "refits", lambda *_, **__: [])
+    monkeypatch.setattr(climbing, "astray", lambda *_: True)
+    monkeypatch.setattr(climbing, "pair", lambda *_: (both, steps))
+    climbed = climb(foot, hold_out(question, test), [Creep(elements=1), Drift()])
+    assert [step.name for step in climbed.steps] == ["creep"]
+    assert climbed.dropped == ("drift",)

@@ -32,6 +32,7 @@ _WORTH = 0.02
 _CONVERGED = 0.1
 """Change over the noise, where sub-steps are halved, below which they are short enough."""
 _HALVINGS = 4
+"""Times that sub-steps are halved at most."""
 
 
 @final
