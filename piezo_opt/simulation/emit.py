@@ -14,6 +14,8 @@ from typing import final
 
 import casadi as ca
 
+from piezo_opt.simulation.tangents import Carried, Lanes, Tangents
+
 _BINARY = {
     ca.OP_ADD: "({0} + {1})",
     ca.OP_SUB: "({0} - {1})",
@@ -77,6 +79,8 @@ class Block:
     levels: tuple[tuple[str, ...], ...]
     outputs: tuple[tuple[str, ...], ...]
     """For each output of the function the C expression of each of its elements."""
+    tangents: tuple[tuple[tuple[str | None, ...], ...], ...]
+    """The same for their tangents, one a group of directions; None where it is zero."""
     chain: int
     """Most operations of the innermost level that wait for one another."""
 
@@ -99,6 +103,7 @@ def emit(
     levels: Sequence[int],
     prefix: str,
     depth: int,
+    along: Tangents | None = None,
 ) -> Block:
     """Write an SX function as C statements.
 
@@ -108,6 +113,7 @@ def emit(
         levels: loop level at which each input is known, 0 outermost.
         prefix: prefix of the variables made here.
         depth: number of levels.
+        along: the tangents to be carried along with every result; without them none.
 
     Raises:
         NotImplementedError: an operation that has no C text; the operation's number is named.
@@ -118,17 +124,24 @@ def emit(
     level: dict[int, int] = {}
     waits: dict[int, int] = {}
     outputs = [["0.0"] * function.numel_out(i) for i in range(function.n_out())]
+    along = along or Tangents(Lanes(()), {}, prefix)
+    none: tuple[str | None, ...] = (None,) * len(along.lanes.groups)
+    moved = [[none] * function.numel_out(i) for i in range(function.n_out())]
     for k, one in program.items():
         if one.op == ca.OP_OUTPUT:
             outputs[one.place[0]][one.place[1]] = text[one.inputs[0]]
+            found = along[one.inputs[0]]
+            moved[one.place[0]][one.place[1]] = tuple(t and t.text for t in found)
             continue
         level[k] = max((level[i] for i in one.inputs), default=0)
         waits[k] = 0
         if one.op == ca.OP_INPUT:
             text[k] = f"{names[one.place[0]]}_{one.place[1]}"
             level[k] = levels[one.place[0]]
+            along.of_input(k, one.place)
         elif one.op == ca.OP_CONST:
             text[k] = _number(one.constant)
+            along.of_constant(k)
         else:
             pattern = _BINARY.get(one.op) or _UNARY.get(one.op)
             if pattern is None:
@@ -138,9 +151,14 @@ def emit(
             lines[level[k]].append(f"const double {text[k]} = {said};")
             if level[k] == depth - 1:
                 waits[k] = 1 + max(waits[i] for i in one.inputs)
+            operands = [Carried(text[i], level[i]) for i in one.inputs]
+            result = Carried(text[k], level[k])
+            for at, line in along.of_operation(k, one.op, one.inputs, operands, result):
+                lines[at].append(line)
     return Block(
         tuple(tuple(ls) for ls in lines),
         tuple(tuple(o) for o in outputs),
+        tuple(tuple(m) for m in moved),
         max(waits.values(), default=0),
     )
 

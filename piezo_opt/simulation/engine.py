@@ -21,7 +21,7 @@ from piezo_opt.assembly import System
 from piezo_opt.simulation.compiler import load
 from piezo_opt.simulation.program import RUN, START, source
 from piezo_opt.simulation.schedule import Segment
-from piezo_opt.simulation.scheme import Scheme, scheme
+from piezo_opt.simulation.scheme import Scheme, outline, scheme
 from piezo_opt.symbolic import one_at_a_time
 
 FloatArray = NDArray[np.float64]
@@ -89,7 +89,7 @@ def engine(system: System, directions: tuple[str, ...], prefer_compiled: bool = 
 
 @one_at_a_time
 def _program(system: System, directions: tuple[str, ...]) -> str:
-    return source(scheme(system, directions))
+    return source(outline(system, directions))
 
 
 @one_at_a_time
@@ -106,7 +106,8 @@ def _recipe(system: System, directions: tuple[str, ...]) -> str:
 def _writers() -> str:
     """What turns a system into a program: this package's own lines, and CasADi."""
     here = resources.files(__package__)
-    lines = (here.joinpath(f"{name}.py").read_text() for name in ("scheme", "emit", "program"))
+    writers = ("scheme", "emit", "tangents", "program")
+    lines = (here.joinpath(f"{name}.py").read_text() for name in writers)
     return "\n".join((metadata.version("casadi"), *lines))
 
 

@@ -7,10 +7,14 @@ everything that depends on the segment once a segment.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
+import numpy as np
+
 from piezo_opt.simulation.emit import Block, emit
-from piezo_opt.simulation.scheme import START_INPUTS, Scheme
+from piezo_opt.simulation.scheme import START_INPUTS, Outline
+from piezo_opt.simulation.tangents import TYPES, Carried, Lanes, Tangents
 
 RUN: Final = "po_run"
 START: Final = "po_start"
@@ -20,9 +24,7 @@ _LEVELS: Final = {
     "tT": 2, "cT": 2,
 }  # fmt: skip
 
-_START_HEAD: Final = """\
-#include <math.h>
-
+_START_HEAD: Final = """
 /* States X and their sensitivities S (row-major, zeroed by the caller) at rest at time T under
    drive U and channels C, plus the deviation D. */
 void po_start(const double *restrict T, const double *restrict U, const double *restrict C,
@@ -47,18 +49,19 @@ void po_run(const long n, const double *restrict H, const int *restrict NSUB,
 """
 
 
-def source(scheme: Scheme) -> str:
-    """The C text that simulates the scheme."""
-    names = [scheme.step.name_in(i) for i in range(scheme.step.n_in())]
+def source(plan: Outline) -> str:
+    """The C text that simulates a scheme and the sensitivities that it carries along."""
+    names = [plan.step.name_in(i) for i in range(plan.step.n_in())]
     levels = [_LEVELS[n] for n in names]
-    step = emit(scheme.step, names, levels, "a", 3)
-    reading = emit(scheme.reading, names, levels, "b", 3)
-    np_, nx = scheme.step.numel_in(0), scheme.step.numel_in(6)
-    ns, nc = scheme.step.numel_in(7), scheme.step.numel_in(9)
-    nd = len(scheme.directions)
-    delayed = scheme.system.delay is not None and nd > 0
-    places = [int(r) * nd + int(k) for r, k in zip(scheme.rows, scheme.columns, strict=True)]
-    out: list[str] = [_START_HEAD]
+    lanes = Lanes.of([tuple(column) for column in plan.pattern.T.tolist()])
+    seeds, moved = _seeds(plan, lanes, names)
+    step = emit(plan.step, names, levels, "a", 3, Tangents(lanes, seeds, "va"))
+    reading = emit(plan.reading, names, levels, "b", 3, Tangents(lanes, seeds, "vb"))
+    np_, nx = plan.step.numel_in(0), plan.step.numel_in(6)
+    nc, nd = plan.step.numel_in(9), len(plan.directions)
+    delayed = bool(plan.clocks)
+    places = [int(r) * nd + int(k) for r, k in zip(*np.nonzero(plan.pattern), strict=True)]
+    out: list[str] = ["#include <math.h>\n\n", TYPES, _START_HEAD]
 
     def line(depth: int, text: str) -> None:
         out.append("    " * depth + text + "\n")
@@ -67,7 +70,7 @@ def source(scheme: Scheme) -> str:
         for text in piece.levels[at]:
             line(depth, text)
 
-    start = emit(scheme.start, START_INPUTS, [0] * len(START_INPUTS), "s", 1)
+    start = emit(plan.start, START_INPUTS, [0] * len(START_INPUTS), "s", 1)
     for i in range(np_):
         line(1, f"const double p_{i} = P[{i}];")
     line(1, "const double t_0 = T[0], u_0 = U[0];")
@@ -78,7 +81,7 @@ def source(scheme: Scheme) -> str:
     block(1, start, 0)
     for i, text in enumerate(start.outputs[0] if nx else ()):
         line(1, f"X[{i}] = {text};")
-    for i, text in zip(places, start.outputs[1] if ns else (), strict=True):
+    for i, text in zip(places, start.outputs[1] if places else (), strict=True):
         line(1, f"S[{i}] = {text};")
     out.append("}\n\n")
 
@@ -87,8 +90,10 @@ def source(scheme: Scheme) -> str:
         line(1, f"const double p_{i} = P[{i}];")
     for i in range(nx):
         line(1, f"double x_{i} = X[{i}];")
-    for i, place in enumerate(places):
-        line(1, f"double S_{i} = S[{place}];")
+    for i, group in moved:
+        columns = lanes.groups[group]
+        held = lanes.literal(group, [f"S[{i * nd + k}]" for k in columns])
+        line(1, f"{lanes.kind(group)} S_{i}_{group} = {held};")
     block(1, step, 0)
     block(1, reading, 0)
     line(1, "for (long j = 0; j < n; ++j) {")
@@ -103,23 +108,20 @@ def source(scheme: Scheme) -> str:
         line(2, "double uT_0 = UT[j], tT_0 = TT[j];")
         for i in range(nc):
             line(2, f"double cT_{i} = CT[j * {nc} + {i}];")
-    elif nd:
-        line(2, "const double hT_0 = 0.0, uT_0 = 0.0, tT_0 = 0.0;")
-        for i in range(nc):
-            line(2, f"const double cT_{i} = 0.0;")
-        line(2, "(void)hT_0; (void)uT_0; (void)tT_0;")
     block(2, step, 1)
     block(2, reading, 1)
     line(2, "for (int i = 0; i < m; ++i) {")
     block(3, step, 2)
     for i, text in enumerate(step.outputs[0]):
         line(3, f"const double xn_{i} = {text};")
-    for i, text in enumerate(step.outputs[1] if ns else ()):
-        line(3, f"const double Sn_{i} = {text};")
+    for i, group in moved:
+        still = lanes.literal(group, ["0.0"])
+        line(3, f"const {lanes.kind(group)} Sn_{i}_{group} = "
+                f"{step.tangents[0][i][group] or still};")  # fmt: skip
     for i in range(nx):
         line(3, f"x_{i} = xn_{i};")
-    for i in range(ns):
-        line(3, f"S_{i} = Sn_{i};")
+    for i, group in moved:
+        line(3, f"S_{i}_{group} = Sn_{i}_{group};")
     line(3, "t_0 += h_0; u_0 += du_0 * h_0;")
     for i in range(nc):
         line(3, f"c_{i} += dc_{i} * h_0;")
@@ -132,8 +134,11 @@ def source(scheme: Scheme) -> str:
     line(2, "if (k >= 0) {")
     block(3, reading, 2)
     line(3, f"Y[k] = {reading.outputs[0][0]};")
-    for i, text in enumerate(reading.outputs[1] if nd else ()):
-        line(3, f"J[k * {nd} + {i}] = {text};")
+    for group, columns in enumerate(lanes.groups):
+        slope = reading.tangents[0][0][group] or lanes.literal(group, ["0.0"])
+        line(3, f"const {lanes.kind(group)} J_{group} = {slope};")
+        for lane, k in enumerate(columns):
+            line(3, f"J[k * {nd} + {k}] = {lanes.entry(group, f'J_{group}', lane)};")
     if nx:
         line(3, "if (XO) {")
         for i in range(nx):
@@ -143,7 +148,48 @@ def source(scheme: Scheme) -> str:
     line(1, "}")
     for i in range(nx):
         line(1, f"X[{i}] = x_{i};")
-    for i, place in enumerate(places):
-        line(1, f"S[{place}] = S_{i};")
+    for i, group in moved:
+        for lane, k in enumerate(lanes.groups[group]):
+            line(1, f"S[{i * nd + k}] = {lanes.entry(group, f'S_{i}_{group}', lane)};")
     out.append("}\n")
     return "".join(out)
+
+
+def _seeds(
+    plan: Outline, lanes: Lanes, names: Sequence[str]
+) -> tuple[dict[tuple[int, int], tuple[Carried | None, ...]], list[tuple[int, int]]]:
+    """Tangents of all inputs, and which state has one in which group."""
+    place = {name: i for i, name in enumerate(names)}
+
+    def ones(wanted: Sequence[int], by: str = "", level: int = 0) -> tuple[Carried | None, ...]:
+        """1 in the wanted directions, times what moves them."""
+        found: list[Carried | None] = []
+        for group, columns in enumerate(lanes.groups):
+            chosen = ["1.0" if k in wanted else "0.0" for k in columns]
+            unit = lanes.literal(group, chosen)
+            some = "1.0" in chosen
+            found.append(Carried(f"({unit} * {by})" if by else unit, level) if some else None)
+        return tuple(found)
+
+    seeds: dict[tuple[int, int], tuple[Carried | None, ...]] = {}
+    for i, name in enumerate(plan.system.parameter_names):
+        wanted = [k for k, direction in enumerate(plan.directions) if direction == name]
+        seeds[place["p"], i] = ones(wanted)
+    if plan.clocks:
+        moving = [("h", "hT_0", 1), ("u", "uT_0", 2), ("t", "tT_0", 2)]
+        for name, by, level in moving:
+            seeds[place[name], 0] = ones(plan.clocks, by, level)
+        for i in range(len(plan.system.channel_names)):
+            seeds[place["c"], i] = ones(plan.clocks, f"cT_{i}", 2)
+    moved = [
+        (i, group)
+        for i in range(len(plan.system.state_names))
+        for group, columns in enumerate(lanes.groups)
+        if plan.pattern[i, list(columns)].any()
+    ]
+    for i in range(len(plan.system.state_names)):
+        seeds[place["x"], i] = tuple(
+            Carried(f"S_{i}_{group}", 2) if (i, group) in moved else None
+            for group in range(len(lanes.groups))
+        )
+    return seeds, moved

@@ -59,6 +59,45 @@ class Scheme:
     columns: NDArray[np.intp]
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """A scheme whose sensitivities are left to whoever carries them along with it.
+
+    Attributes:
+        start: ``(p, t, u, c, deviation) -> (x, S)`` as in :class:`Scheme`.
+        step: ``inputs -> (x, nothing)`` after the sub-step.
+        reading: ``inputs -> (y, nothing)``.
+        directions: names of the sensitivity columns.
+        pattern: (n, k) which sensitivities of the states can ever be non-zero.
+        clocks: directions that move the clock of the whole chain.
+    """
+
+    system: System
+    start: ca.Function
+    step: ca.Function
+    reading: ca.Function
+    directions: tuple[str, ...]
+    pattern: NDArray[np.bool_]
+    clocks: tuple[int, ...]
+
+
+@one_at_a_time
+def outline(system: System, directions: Sequence[str] = ()) -> Outline:
+    """Runge-Kutta sub-step of a system, and what the named directions move.
+
+    Raises:
+        ModelError: as :func:`scheme`.
+    """
+    directions = tuple(directions)
+    plain = scheme(system)
+    _known(system, directions)
+    pattern = _pattern(system, directions)
+    start = _start(system, directions, *np.nonzero(pattern)) if directions else plain.start
+    clocks = tuple(_delay_directions(system, directions))
+    return Outline(system, start, plain.step, plain.reading, directions, pattern, clocks)
+
+
 @one_at_a_time
 def scheme(system: System, directions: Sequence[str] = ()) -> Scheme:
     """Runge-Kutta sub-step of a system with sensitivities in the named directions.
@@ -73,14 +112,7 @@ def scheme(system: System, directions: Sequence[str] = ()) -> Scheme:
     directions = tuple(directions)
     nx, np_ = len(system.state_names), len(system.parameter_names)
     nc, nd = len(system.channel_names), len(directions)
-    for name in directions:
-        if name not in system.parameter_names and name.removeprefix(INITIAL) not in (
-            system.state_names
-        ):
-            raise ModelError(
-                f"'{name}' is neither a free parameter nor an initial state of the model; "
-                f"parameters: {', '.join(system.parameter_names)}."
-            )
+    _known(system, directions)
     pattern = _pattern(system, directions)
     rows, columns = np.nonzero(pattern)
     p, x, s = ca.SX.sym("p", np_), ca.SX.sym("x", nx), ca.SX.sym("S", rows.size)
@@ -136,6 +168,17 @@ def scheme(system: System, directions: Sequence[str] = ()) -> Scheme:
         ca.Function("po_read", inputs, [y, slope], list(INPUTS), ["y", "J"]),
         directions, rows, columns,
     )  # fmt: skip
+
+
+def _known(system: System, directions: Sequence[str]) -> None:
+    for name in directions:
+        if name not in system.parameter_names and name.removeprefix(INITIAL) not in (
+            system.state_names
+        ):
+            raise ModelError(
+                f"'{name}' is neither a free parameter nor an initial state of the model; "
+                f"parameters: {', '.join(system.parameter_names)}."
+            )
 
 
 def _own(system: System, directions: Sequence[str]) -> tuple[ca.DM, ca.DM]:

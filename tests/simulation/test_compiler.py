@@ -21,7 +21,7 @@ from piezo_opt.simulation import Simulator, Substeps, compiler, program
 from piezo_opt.simulation import engine as engines
 from piezo_opt.simulation.compiler import cache_directory, find_compiler, load
 from piezo_opt.simulation.engine import engine
-from piezo_opt.simulation.scheme import Scheme
+from piezo_opt.simulation.scheme import Outline
 from piezo_opt.values import Values
 
 COMPILER = find_compiler()
@@ -233,7 +233,7 @@ def test_threads_write_programs_one_at_a_time(cache: Path, monkeypatch: pytest.M
     """CasADi frees expressions without the interpreter's lock: two threads at it may crash."""
     inside, most = 0, 0
 
-    def source(made: Scheme) -> str:
+    def source(made: Outline) -> str:
         nonlocal inside, most
         inside += 1
         most = max(most, inside)
@@ -280,7 +280,7 @@ def test_a_program_is_written_once_and_again_for_whatever_differs(
 ) -> None:
     written: list[tuple[str, ...]] = []
 
-    def source(made: Scheme) -> str:
+    def source(made: Outline) -> str:
         written.append(made.directions)
         return program.source(made)
 
