@@ -17,11 +17,15 @@ from piezo_opt.effects import (
     BoucWen,
     Creep,
     CubicStiffness,
+    Delay,
+    MainsPickup,
     Model,
     Offset,
     PiezoGain,
     RateDependence,
     SecondOrder,
+    SensorLag,
+    Temperature,
 )
 from piezo_opt.errors import ModelError
 from piezo_opt.measurement import Between, Measurement
@@ -269,6 +273,31 @@ def test_sensitivities_are_those_of_the_scheme_itself(prefer_compiled: bool) -> 
         np.testing.assert_allclose(
             slope, difference, rtol=0, atol=1e-5 * np.abs(slope).max(), err_msg=name
         )
+
+
+@pytest.mark.parametrize("prefer_compiled", [True, False])
+def test_a_delay_moves_the_clock_and_the_channels_with_the_drive(prefer_compiled: bool) -> None:
+    """A sub-step that begins later sees the warmth, and what time moves, of another moment."""
+    model = PiezoGain() + Temperature() + SecondOrder() + MainsPickup() + SensorLag() + Delay()
+    values = Values.nominal(model).with_({
+        "temperature.a": 1e-9, "mains_pickup.a": 1e-7, "mains_pickup.phi": 0.3,
+        "delay.T": 2.3e-4, "sensor_lag.share": 0.9, "sensor_lag.tau": 2e-4,
+        "second_order.omega": 3e3,
+    })  # fmt: skip
+    time = np.arange(200) * 1e-4
+    drive = 30.0 + 40.0 * np.sin(2 * np.pi * 60 * time)
+    warmth = 295.0 + 3.0 * np.sin(2 * np.pi * 90 * time)
+    given = record(time, drive).with_(channels={"temperature": warmth})
+    run = Simulator(
+        model, given, values, directions=("delay.T",), substeps=fine(time, 1),
+        prefer_compiled=prefer_compiled,
+    )  # fmt: skip
+    _, slopes = run.with_sensitivities(values)
+    step = 1e-9
+    up, down = (run.reading({**values, "delay.T": 2.3e-4 + d}) for d in (step, -step))
+    difference = (up - down) / (2.0 * step)
+    tolerance = 1e-5 * np.abs(difference).max()
+    np.testing.assert_allclose(slopes[:, 0], difference, rtol=0, atol=tolerance)
 
 
 def test_only_entries_that_can_move_are_carried() -> None:
