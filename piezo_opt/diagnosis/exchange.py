@@ -99,6 +99,32 @@ def exchange(
     return fit, _retold(foot, fit, now, 0, held) if anew else now, gone
 
 
+def regrouped(
+    fit: Fit, steps: Sequence[Step], candidates: Sequence[Effect], threads: int
+) -> list[Step]:
+    """Steps with the groups of the earlier ones as the record tells them beside the later ones.
+
+    Before the later ones were there every effect missed by much, and many by as much. The members
+    are fitted once more in the step's place; whoever has found a place of its own is none.
+
+    Args:
+        fit: the fit with all the steps, which leaves nothing to be won.
+        steps: accepted effects.
+        candidates: effects that may be added.
+        threads: refits that run at a time.
+    """
+    told = list(steps)
+    for place, step in enumerate(steps[:-1]):
+        if len(step.group) == 1:
+            continue
+        members = [e for e in candidates if e.name in step.group and e.name not in fit.model]
+        seen = _seen(fit, step, [step.effect, *members], threads)
+        standing = seen and _standing(fit, step, seen)
+        if seen and standing:
+            told[place] = replace(step, group=group_of(standing, seen.ranked, seen.suspects))
+    return told
+
+
 def _seen(fit: Fit, step: Step, candidates: Sequence[Effect], threads: int) -> _Seen | None:
     """A fit without one of its steps, and who would take its place; None where nobody would."""
     if step.name not in fit.model:

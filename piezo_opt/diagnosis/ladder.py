@@ -20,7 +20,7 @@ from piezo_opt.diagnosis.choice import (
 )
 from piezo_opt.diagnosis.confirm import confirmed
 from piezo_opt.diagnosis.detail import in_detail
-from piezo_opt.diagnosis.exchange import exchange
+from piezo_opt.diagnosis.exchange import exchange, regrouped
 from piezo_opt.diagnosis.grouping import group_of
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, elsewhere, error_on, rms
 from piezo_opt.diagnosis.pairs import pair
@@ -246,6 +246,10 @@ class _Climb:
         )  # fmt: skip
         return self.onto(stand, fit)
 
+    def grouped(self, at: _Stand) -> _Stand:
+        """With the groups of the earlier steps as the record tells them beside the later ones."""
+        return replace(at, steps=tuple(regrouped(at.fit, at.steps, self.candidates, self.threads)))
+
 
 def climb(
     baseline: Fit,
@@ -301,6 +305,8 @@ def climb(
         # Not even with all that came after it does the other record want it.
         tell(f"refused {', '.join(step.name for step in at.steps)}")
         at = at.unconfirmed
+    if nothing_to_win(at.fit):
+        at = way.grouped(at)
     return Ladder(
         baseline,
         at.fit,

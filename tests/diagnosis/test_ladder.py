@@ -70,6 +70,8 @@ def two() -> tuple[Ladder, HeldOut]:
 def test_two_hidden_effects_are_found_and_kept(two: tuple[Ladder, HeldOut]) -> None:
     ladder, _ = two
     assert sorted(s.name for s in ladder.steps) == ["creep", "second_mode"]
+    # While the mode was missing the record did not tell creep from it.
+    assert [s.group for s in ladder.steps] == [(s.name,) for s in ladder.steps]
     assert ladder.dropped == ()
     assert ladder.refined == ()
     assert set(ladder.final.model.names) == {*MOVING.names, "creep", "second_mode"}
