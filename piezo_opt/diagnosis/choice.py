@@ -99,7 +99,9 @@ def refits(
         if not first:
             fresh = [with_base_details(trial) for trial in fresh]
         rungs += race(fit, [*bent, *fresh], threads)
-    return contest(fit, [r for r in rungs if plausible(r)], held.question, threads)
+    contenders = [r for r in rungs if plausible(r)]
+    afresh = bool(contenders) and _alone(min((r.fit for r in contenders), key=_rms), held)
+    return contest(fit, contenders, held.question, threads, afresh=afresh)
 
 
 def ordered(
@@ -205,6 +207,16 @@ def _unsettled(fit: Fit, *, first: bool) -> bool:
     return fit.rms > (_ABOVE if first else _LOST) * floor.rms or structure(fit, floor).left
 
 
+def _alone(fit: Fit, held: HeldOut) -> bool:
+    """Whether a fit explains one record and misses another that is like it.
+
+    It may have ended in a minimum of its own; a record that it misses by far shows something else.
+    """
+    if fit.rms >= _NOISY * noise_floor(fit).rms:
+        return False
+    return _mispredicts(fit, held, _DOUBTFUL) and not _mispredicts(fit, held, FOREIGN)
+
+
 def _mispredicts(fit: Fit, held: HeldOut, times: float) -> bool:
     """Whether a fit explains one record and not the other: it may be bent to do so."""
     there = rms(elsewhere(fit, held))
@@ -214,6 +226,10 @@ def _mispredicts(fit: Fit, held: HeldOut, times: float) -> bool:
 def _refitting(suspects: Sequence[Suspect]) -> str:
     names = dict.fromkeys(s.name for s in suspects)
     return f"refitting with {', '.join(names) or 'more detail'}"
+
+
+def _rms(fit: Fit) -> float:
+    return fit.rms
 
 
 def _gain(rung: Rung) -> float:

@@ -53,6 +53,8 @@ def contest(
     rungs: Sequence[Rung],
     given: Identification,
     threads: int = 2,
+    *,
+    afresh: bool = False,
 ) -> list[Rung]:
     """Rungs with the contenders' best fits, judged and sorted.
 
@@ -61,6 +63,7 @@ def contest(
         rungs: its refits.
         given: the question at the foot of the ladder.
         threads: contenders that are fitted at a time.
+        afresh: whether they get a fresh start also where the best leaves but noise.
     """
     first = judged(fit, rungs)
     named = _best_of_each(rungs)
@@ -68,7 +71,7 @@ def contest(
         return first
     best = named[0].fit
     closest = min(rungs, key=lambda r: r.fit.rms).fit
-    if _explained(closest):
+    if _explained(closest) and not afresh:
         # A law with more freedom gets there first; in its details another one may be exact.
         level = [r for r in named if r.fit.rms < _LEVEL * best.rms][:_MOST]
         # Forces bring mechanics with them; whoever stands without has the same right to them.

@@ -80,7 +80,7 @@ def noise_floor(fit: Fit) -> NoiseFloor:
         rounding += n * (step**2 / 12.0 if step is not None else 0.0)
     rms = float(np.sqrt(max(power, rounding) / samples))
     slow = correlations(fit) if fit.rms > _ABOVE * rms else None
-    if slow is not None and follows_drive(fit, BasePoint(fit), rms)[0] > _BY_CHANCE:
+    if slow is not None and follows_drive(fit, BasePoint(fit), fit.rms)[0] > _BY_CHANCE:
         return _slow(fit, slow)
     spread = 1.96 / np.sqrt(2.0 * max(2.0, count))
     rounded = rounding > power

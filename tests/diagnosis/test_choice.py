@@ -242,7 +242,7 @@ def test_a_name_asks_for_six_percent_of_the_error_and_a_detail_for_two(
     monkeypatch.setattr(choice, "refinements", lambda *_: [offered.trial])
     monkeypatch.setattr(choice, "race", lambda *_: [offered])
     monkeypatch.setattr(choice, "settled", lambda _: True)
-    monkeypatch.setattr(choice, "contest", lambda _, rungs, *__: rungs)
+    monkeypatch.setattr(choice, "contest", lambda _, rungs, *__, **___: rungs)
     monkeypatch.setattr(ladder, "with_statistics", lambda found: found)
     foot = fit(1.0)
     climbed = ladder.climb(foot, UNJUDGED, (), threads=1)
@@ -267,7 +267,7 @@ def test_names_are_asked_for_again_at_the_end_where_details_came_after_them(
     monkeypatch.setattr(choice, "refinements", lambda *_: [detail("any", 1.0).trial])
     monkeypatch.setattr(choice, "race", lambda *_: next(rounds, []))
     monkeypatch.setattr(choice, "settled", lambda _: True)
-    monkeypatch.setattr(choice, "contest", lambda _, rungs, *__: rungs)
+    monkeypatch.setattr(choice, "contest", lambda _, rungs, *__, **___: rungs)
     monkeypatch.setattr(ladder, "with_statistics", lambda found: found)
     monkeypatch.setattr(ladder, "exchange", lambda _, found, steps, *__, **___: (found, steps, []))
     monkeypatch.setattr(ladder, "prune", pruned)
@@ -301,11 +301,41 @@ def test_who_explains_one_record_and_not_the_other_has_every_effect_asked(
     monkeypatch.setattr(choice, "_unsettled", lambda *_, **__: False)
     monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
     monkeypatch.setattr(choice, "entrants", lambda *given: asked.append(given[2]) or [])
-    monkeypatch.setattr(choice, "contest", lambda _, rungs, *__: rungs)
+    monkeypatch.setattr(choice, "contest", lambda _, rungs, *__, **___: rungs)
     everybody = (suspect("drift"),)
     everybody[0].score = 0.0
     choice.refits(fit(9.0), JUDGED, everybody, first=True, bar=-1.0, tell=lambda _: None, threads=1)
     assert asked == ([everybody] if asked_again else [])
+
+
+@pytest.mark.usefixtures("unit_noise")
+@pytest.mark.parametrize(
+    ("error", "elsewhere", "afresh"),
+    [
+        (1.0, 1.29, False), (1.0, 1.31, True), (1.09, 1.5, True), (1.11, 1.5, False),
+        (1.0, 2.9, True), (1.0, 3.1, False),
+    ],
+)  # fmt: skip
+def test_who_explains_one_record_and_misses_one_like_it_is_begun_afresh(
+    error: float, elsewhere: float, afresh: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may have ended in a minimum of its own; what is missed by far is another matter."""
+    told: list[bool] = []
+
+    def contest(_: Any, rungs: list[Rung], *__: object, afresh: bool) -> list[Rung]:
+        told.append(afresh)
+        return rungs
+
+    near = effect("bent", error, elsewhere)
+    monkeypatch.setattr(choice, "refinements", lambda _: [near.trial])
+    monkeypatch.setattr(choice, "race", lambda *_: [near])
+    monkeypatch.setattr(choice, "settled", lambda _: True)
+    monkeypatch.setattr(choice, "plausible", lambda _: True)
+    monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
+    monkeypatch.setattr(choice, "entrants", lambda *_: [])
+    monkeypatch.setattr(choice, "contest", contest)
+    choice.refits(fit(9.0), JUDGED, (), first=True, bar=-1.0, tell=lambda _: None, threads=1)
+    assert told == [afresh]
 
 
 @pytest.mark.usefixtures("judged")

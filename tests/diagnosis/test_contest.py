@@ -414,6 +414,26 @@ def test_where_the_best_leaves_no_structure_only_close_ones_are_in_the_contest(
         assert "creep" in fought
 
 
+@pytest.mark.parametrize("afresh", [True, False])
+def test_who_leaves_but_noise_begins_afresh_only_where_it_is_doubted(
+    afresh: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    time = clock(2000)
+    creep = Creep(elements=1), {"c": 0.03, "tau": 0.1}
+    fit = fitted(MOVING, measured(MOVING, time, rich(time), creep))
+    suspects, _ = score(BasePoint(fit), [Creep(elements=1), Drift()])
+    rungs = race(fit, [adding(s) for s in suspects], 1)
+    fought: list[Rung] = []
+
+    def watched(_: po.Fit, rung: Rung, __: po.Identification) -> Rung:
+        fought.append(rung)
+        return rung
+
+    monkeypatch.setattr(module, "_chance", watched)
+    contest(fit, rungs, fit.question, 1, afresh=afresh)
+    assert bool(fought) is afresh
+
+
 def test_a_contender_has_a_second_start_where_its_shapes_may_be_elsewhere(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -86,6 +86,19 @@ def test_what_follows_the_drive_is_no_slow_noise(clean: po.Fit) -> None:
         assert "slower noise would come on top" in floor_of(clean, noise + left).sentence
 
 
+def test_what_hardly_follows_the_drive_does_not_hide_slow_noise(clean: po.Fit) -> None:
+    """A fiftieth of its power: little beside it, much beside what the highest frequencies show."""
+    (record,) = clean.records
+    v = (record.drive - record.drive.mean()) / np.ptp(record.drive)
+    followed = play(v, 0.15) - v
+    left = 0.14 * NOISE * followed / followed.std()
+    for noise in map(slow, range(10)):
+        if "correlated from sample to sample" in floor_of(clean, noise).sentence:
+            found = floor_of(clean, noise + left)
+            assert "correlated from sample to sample" in found.sentence
+            assert found.low <= NOISE <= found.high
+
+
 def test_slow_noise_beside_a_misfit_is_a_lower_bound(clean: po.Fit) -> None:
     misfit = 2.0 * NOISE * np.sin(2.0 * np.pi * clock())
     found = floor_of(clean, slow(0) + misfit)
