@@ -100,7 +100,8 @@ def refits(
             fresh = [with_base_details(trial) for trial in fresh]
         rungs += race(fit, [*bent, *fresh], threads)
     contenders = [r for r in rungs if plausible(r)]
-    afresh = bool(contenders) and _alone(min((r.fit for r in contenders), key=_rms), held)
+    closest = min((r.fit for r in contenders), key=lambda f: f.rms, default=fit)
+    afresh = closest is not fit and _alone(closest, held)
     return contest(fit, contenders, held.question, threads, afresh=afresh)
 
 
@@ -226,10 +227,6 @@ def _mispredicts(fit: Fit, held: HeldOut, times: float) -> bool:
 def _refitting(suspects: Sequence[Suspect]) -> str:
     names = dict.fromkeys(s.name for s in suspects)
     return f"refitting with {', '.join(names) or 'more detail'}"
-
-
-def _rms(fit: Fit) -> float:
-    return fit.rms
 
 
 def _gain(rung: Rung) -> float:

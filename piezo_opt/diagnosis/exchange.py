@@ -117,8 +117,8 @@ def regrouped(
     for place, step in enumerate(steps[:-1]):
         if len(step.group) == 1:
             continue
-        members = [e for e in candidates if e.name in step.group and e.name not in fit.model]
-        seen = _seen(fit, step, [step.effect, *members], threads)
+        rivals = [e for e in candidates if e.name in step.group and e.name != step.name]
+        seen = _seen(fit, step, [step.effect, *rivals], threads)
         standing = seen and _standing(fit, step, seen)
         if seen and standing:
             told[place] = replace(step, group=group_of(standing, seen.ranked, seen.suspects))

@@ -277,6 +277,32 @@ def test_names_are_asked_for_again_at_the_end_where_details_came_after_them(
 
 
 @pytest.mark.usefixtures("unit_noise")
+@pytest.mark.parametrize(("left", "told"), [(8.0, False), (1.0, True)])
+def test_groups_are_told_again_where_but_noise_is_left(
+    left: float, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before, what is still missing may make a rival look worse than it is."""
+    rounds = iter([[effect("drift", left)]])
+    asked: list[Any] = []
+
+    def regrouped(found: Any, steps: Any, *_: object) -> Any:
+        asked.append(found)
+        return list(steps)
+
+    monkeypatch.setattr(ladder, "scored", lambda *_: ((), ()))
+    monkeypatch.setattr(choice, "refinements", lambda *_: [detail("any", 1.0).trial])
+    monkeypatch.setattr(choice, "race", lambda *_: next(rounds, []))
+    monkeypatch.setattr(choice, "settled", lambda _: True)
+    monkeypatch.setattr(choice, "contest", lambda _, rungs, *__, **___: rungs)
+    monkeypatch.setattr(ladder, "with_statistics", lambda found: found)
+    monkeypatch.setattr(ladder, "pair", lambda *_: None)
+    monkeypatch.setattr(ladder, "regrouped", regrouped)
+    climbed = ladder.climb(fit(10.0), UNJUDGED, (), threads=1)
+    assert [step.name for step in climbed.steps] == ["drift"]
+    assert bool(asked) is told
+
+
+@pytest.mark.usefixtures("unit_noise")
 @pytest.mark.parametrize(
     ("error", "elsewhere", "calm", "asked_again"),
     [
