@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, final
 
 from piezo_opt.diagnosis.advice import Advice, experiments
@@ -21,8 +21,15 @@ from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.errors import InputError, ModelError
-from piezo_opt.identification import Fit, LevenbergMarquardt, solve
-from piezo_opt.measurement import Measurement
+from piezo_opt.identification import (
+    Ending,
+    Fit,
+    Identification,
+    LevenbergMarquardt,
+    default_model,
+    solve,
+)
+from piezo_opt.measurement import Campaign, Measurement
 from piezo_opt.units import show
 
 _ABOVE = 1.5
@@ -215,7 +222,7 @@ class Diagnosis:
 
 
 def diagnose(
-    fit: Fit,
+    fit: Fit | Identification | Measurement | Iterable[Measurement],
     *,
     test: Measurement | None = None,
     candidates: Sequence[Effect | type[Effect]] = (),
@@ -229,7 +236,7 @@ def diagnose(
     """Name what is missing from a fitted model, and prove it on data that was not fitted.
 
     Args:
-        fit: the baseline.
+        fit: the baseline. A question is fitted first, records with :func:`default_model`.
         test: a record to judge on; else the last part of a lone record is held out.
         candidates: effects of the user's own, beside the whole catalogue.
         withhold: catalogue names that shall not be considered.
@@ -251,6 +258,9 @@ def diagnose(
             "one of the two out."
         )
     tell = progress if progress is not None else _silent
+    if not isinstance(fit, Fit):
+        tell("fitting the base model")
+        fit = _baseline(fit)
     offered = [
         *(
             kind(**options)
@@ -313,6 +323,19 @@ def diagnose(
         unexplained=correction,
         rivals=others,
     )
+
+
+def _baseline(asked: Identification | Measurement | Iterable[Measurement]) -> Fit:
+    """The fit of a question, or of the default model to records, with what that leaves out."""
+    remarks: tuple[str, ...] = ()
+    if not isinstance(asked, Identification):
+        records = Campaign.of(asked)
+        model, remarks = default_model(records)
+        asked = Identification(model, records)
+    fit = solve(asked)
+    if fit.outcome.ending is Ending.INTERRUPTED:
+        raise KeyboardInterrupt
+    return replace(fit, remarks=(*remarks, *fit.remarks))
 
 
 def _elsewhere(found: Structure, climbed: Ladder, held: HeldOut, floor: NoiseFloor) -> Structure:

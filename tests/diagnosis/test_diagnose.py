@@ -25,6 +25,7 @@ from piezo_opt.effects import (
 )
 from piezo_opt.effects.base import Chain, Equations, Parameter, Place
 from piezo_opt.errors import InputError, ModelError
+from piezo_opt.identification import Ending
 from tests.diagnosis.plants import (
     LAWS,
     MOVING,
@@ -189,6 +190,33 @@ def test_scores_alone(creeping: po.Fit) -> None:
         po.Identification(creeping.model + suspects.best(), creeping.records[0]), start=creeping
     )
     assert richer.rms == pytest.approx(NOISE, rel=0.05)
+
+
+def test_a_record_is_fitted_first(creeping: po.Fit) -> None:
+    """By the default model, which says what it leaves out; the same as the two calls."""
+    record = creeping.records[0]
+    model, remarks = po.default_model(record)
+    asked = po.Identification(model, record)
+    whole = diagnose(record, withhold=FEW, advise=False)
+    assert whole.fit.model.names == model.names
+    assert remarks
+    assert whole.fit.remarks[: len(remarks)] == remarks
+    assert [s.name for s in whole.steps] == ["creep"]
+    by_hand = diagnose(po.solve(asked), withhold=FEW, advise=False)
+    assert whole.to_dict() == by_hand.to_dict()
+    question = diagnose(asked, ladder=False)
+    assert question.fit.values == by_hand.fit.values
+    several = diagnose([record, record.with_(name="twice")], ladder=False)
+    assert [r.name for r in several.fit.records] == [record.name, "twice"]
+
+
+def test_an_interrupted_first_fit_is_not_diagnosed(
+    creeping: po.Fit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stopped = replace(creeping, outcome=replace(creeping.outcome, ending=Ending.INTERRUPTED))
+    monkeypatch.setattr(module, "solve", lambda _: stopped)
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(creeping.question)
 
 
 def test_another_record_judges(creeping: po.Fit) -> None:
