@@ -7,6 +7,7 @@ others share; save a picture with ``savefig``.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -36,6 +37,8 @@ from piezo_opt.simulation import INITIAL
 
 _PANELS = 3
 """Panels side by side where there is one for each unknown."""
+_TITLE = 24
+"""Characters of a title that are no wider than such a panel."""
 
 
 def loop(entries: Sequence[Entry], record: int = 0) -> Figure:
@@ -406,7 +409,8 @@ def _short(name: str) -> str:
 def _trajectory(axis: Axes, steps: FloatArray, values: FloatArray, title: str, colour: str) -> None:
     marker = "o-" if steps.size <= 40 else "-"
     axis.plot(steps, values, marker, color=colour, markersize=2.8, linewidth=1.1)
-    axis.set_title(title, fontsize=9, fontweight="normal")
+    # The layout leaves no room beside a panel for a title wider than that.
+    axis.set_title(fill(title, _TITLE, break_long_words=False), fontsize=9, fontweight="normal")
     axis.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=5))
     if axis.get_yscale() != "log":
         axis.yaxis.set_major_locator(MaxNLocator(nbins=4))

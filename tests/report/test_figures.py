@@ -15,6 +15,7 @@ from piezo_opt.identification import Fit, StartResult, solve
 from piezo_opt.measurement import Measurement
 from piezo_opt.report import figures
 from piezo_opt.report.style import prefixed, thinned
+from piezo_opt.simulation import INITIAL
 
 
 @pytest.fixture(scope="module")
@@ -124,6 +125,20 @@ def test_trajectories_have_a_panel_for_each_unknown(fit: Fit) -> None:
     assert titles[0] == "piezo_gain.d [nm/V]"
     assert titles[-1] == "rms error [nm]"
     assert shown[0].lines[0].get_ydata()[-1] == pytest.approx(1e9 * fit.values["piezo_gain.d"])
+
+
+def test_long_names_stay_in_the_picture(fit: Fit) -> None:
+    """What moves has the longest: states at the start, with a unit that takes three characters."""
+    names = (f"{INITIAL}second_order.w",) * 3
+    trace = replace(fit.trace, names=names, values=fit.trace.values[:, :3])
+    figure = figures.trajectories(replace(fit, trace=trace))
+    assert figure is not None
+    figure.draw_without_rendering()
+    for axis in figure.axes[:3]:
+        title = " ".join(axis.get_title(loc="left").split())
+        assert title.startswith("second_order.w at start [")
+        for text in (axis.title, axis._left_title):
+            assert text.get_window_extent().x1 <= figure.bbox.x1
 
 
 def test_estimates_are_relative(fit: Fit) -> None:
