@@ -26,7 +26,7 @@ from piezo_opt.effects.base import Effect
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit
 
-_LIKELY = 1e-3
+LIKELY = 1e-3
 """Corrected p-value below which a rival is fitted."""
 _NEAR = 1.5
 """Error over the best rival's up to which another one is tried in more detail."""
@@ -80,7 +80,7 @@ def exchange(
         judged_last = place == len(steps) - 1 and not (last or anew or gone)
         if judged_last or sum(k.startswith(f"{step.name}.") for k in fit.names) <= beyond:
             continue
-        seen = _seen(fit, step, candidates, threads)
+        seen = _seen(foot, fit, step, candidates, threads)
         if seen is None:
             continue
         rival = _rival(fit, step, seen, held)
@@ -100,7 +100,7 @@ def exchange(
 
 
 def regrouped(
-    fit: Fit, steps: Sequence[Step], candidates: Sequence[Effect], threads: int
+    foot: Fit, fit: Fit, steps: Sequence[Step], candidates: Sequence[Effect], threads: int
 ) -> list[Step]:
     """Steps with the groups of the earlier ones as the record tells them beside the later ones.
 
@@ -108,6 +108,7 @@ def regrouped(
     are fitted once more in the step's place; whoever has found a place of its own is none.
 
     Args:
+        foot: the fit at the foot of the ladder.
         fit: the fit with all the steps, which leaves nothing to be won.
         steps: accepted effects.
         candidates: effects that may be added.
@@ -118,24 +119,22 @@ def regrouped(
         if len(step.group) == 1:
             continue
         rivals = [e for e in candidates if e.name in step.group and e.name != step.name]
-        seen = _seen(fit, step, [step.effect, *rivals], threads)
+        seen = _seen(foot, fit, step, [step.effect, *rivals], threads)
         standing = seen and _standing(fit, step, seen)
         if seen and standing:
             told[place] = replace(step, group=group_of(standing, seen.ranked, seen.suspects))
     return told
 
 
-def _seen(fit: Fit, step: Step, candidates: Sequence[Effect], threads: int) -> _Seen | None:
+def _seen(
+    foot: Fit, fit: Fit, step: Step, candidates: Sequence[Effect], threads: int
+) -> _Seen | None:
     """A fit without one of its steps, and who would take its place; None where nobody would."""
-    if step.name not in fit.model:
-        return None
-    question = fit.question.with_model(fit.model.without(step.name))
-    try:
-        poorer = solved(question, fit.values)
-    except (PiezoOptError, ArithmeticError, ValueError):
+    poorer = _without(foot, fit, step)
+    if poorer is None:
         return None
     suspects, _ = scored(poorer, candidates, threads)
-    likely = [s for s in suspects if s.p_value < _LIKELY]
+    likely = [s for s in suspects if s.p_value < LIKELY]
     if not likely:
         return None
     short = shortlist(likely, suspects)
@@ -147,12 +146,31 @@ def _seen(fit: Fit, step: Step, candidates: Sequence[Effect], threads: int) -> _
     trials += [replace(trial, start={**trial.start, **standing}) for trial in trials]
     rungs = race(poorer, trials, threads)
     ranked = judged(poorer, [r for r in rungs if plausible(r)])
-    return _Seen(poorer, suspects, judged(poorer, [*ranked, *_shaped(poorer, ranked, threads)]))
+    return _Seen(
+        poorer, suspects, judged(poorer, [*ranked, *_shaped(fit, step, poorer, ranked, threads)])
+    )
 
 
-def _shaped(poorer: Fit, ranked: Sequence[Rung], threads: int) -> list[Rung]:
-    """The closest rivals in more detail of their own, where none of them leaves but noise."""
-    if not ranked or explained(ranked[0].fit):
+def _without(foot: Fit, fit: Fit, step: Step) -> Fit | None:
+    """The fit without a step, from where that has led and from before it; None for neither."""
+    if step.name not in fit.model:
+        return None
+    question = fit.question.with_model(fit.model.without(step.name))
+    found: list[Fit] = []
+    for start in (fit.values, {**fit.values, **foot.values}):
+        with suppress(PiezoOptError, ArithmeticError, ValueError):
+            found.append(solved(question, start))
+    return min(found, key=lambda f: f.rms, default=None)
+
+
+def _shaped(fit: Fit, step: Step, poorer: Fit, ranked: Sequence[Rung], threads: int) -> list[Rung]:
+    """The closest rivals in more detail of their own.
+
+    Where one of them leaves but noise there is nothing to be won by that, unless the step that
+    stands has details itself.
+    """
+    standing = any(k.startswith(f"{step.name}.") for k in fit.question.free)
+    if not ranked or (explained(ranked[0].fit) and not standing):
         return []
     names: dict[str, Rung] = {}
     for rung in ranked:

@@ -20,7 +20,7 @@ from piezo_opt.diagnosis.choice import (
 )
 from piezo_opt.diagnosis.confirm import confirmed
 from piezo_opt.diagnosis.detail import in_detail
-from piezo_opt.diagnosis.exchange import exchange, regrouped
+from piezo_opt.diagnosis.exchange import LIKELY, exchange, regrouped
 from piezo_opt.diagnosis.grouping import group_of
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, elsewhere, error_on, rms
 from piezo_opt.diagnosis.pairs import pair
@@ -246,9 +246,25 @@ class _Climb:
         )  # fmt: skip
         return self.onto(stand, fit)
 
+    def reconsidered(self, at: _Stand) -> _Stand:
+        """With each earlier step asked for its place, where what is left is not noise to all.
+
+        An effect that still explains a significant part, too small for a name, may be what a step
+        stands for. A lone step that brought mechanics was compared with effects that had none.
+        """
+        joined = any(e.structural and n not in self.foot.model for n, e in at.fit.model)
+        if len(at.steps) < 2 and not joined:
+            return at
+        fresh = self.scored(at)
+        if not any(suspect.p_value < LIKELY for suspect in fresh.now):
+            return fresh
+        return self.exchanged(fresh, last=joined)
+
     def grouped(self, at: _Stand) -> _Stand:
         """With the groups of the earlier steps as the record tells them beside the later ones."""
-        return replace(at, steps=tuple(regrouped(at.fit, at.steps, self.candidates, self.threads)))
+        return replace(
+            at, steps=tuple(regrouped(self.foot, at.fit, at.steps, self.candidates, self.threads))
+        )
 
 
 def climb(
@@ -295,6 +311,8 @@ def climb(
         if nothing_to_win(at.fit):
             break
         at = way.scored(at)
+    if at.steps and nothing_to_win(at.fit):
+        at = way.reconsidered(at)
     if at.steps and at.touched:
         at = way.pruned(at, last=True)
     if (

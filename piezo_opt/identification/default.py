@@ -21,7 +21,7 @@ from piezo_opt.identification.starting import starting_values
 from piezo_opt.identification.unknowns import theta_of, unknowns
 from piezo_opt.measurement import Campaign, Measurement
 
-_STILL = 1e-9
+_STILL = 3e-10
 """Share of the drive's power near a resonance below which the drive cannot have shown it."""
 _SHAKEN = 3e-7
 """The same at the peak of a resonance that a first fit did not see."""

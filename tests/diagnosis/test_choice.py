@@ -285,7 +285,7 @@ def test_groups_are_told_again_where_but_noise_is_left(
     rounds = iter([[effect("drift", left)]])
     asked: list[Any] = []
 
-    def regrouped(found: Any, steps: Any, *_: object) -> Any:
+    def regrouped(_: Any, found: Any, steps: Any, *__: object) -> Any:
         asked.append(found)
         return list(steps)
 

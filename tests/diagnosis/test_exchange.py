@@ -17,6 +17,7 @@ from piezo_opt.diagnosis.rung import STRONG, Trial, bic_gain
 from piezo_opt.diagnosis.steps import Step
 from piezo_opt.effects import (
     AmplifierLag,
+    Asymmetry,
     Creep,
     Effect,
     Friction,
@@ -111,16 +112,16 @@ def test_a_group_is_told_beside_what_was_found_later() -> None:
     one = Creep(elements=1), {"c": 0.02, "tau": 0.1}
     mode = SecondMode(), {"g": 0.03, "omega": 2.0 * np.pi * 150.0, "zeta": 0.02}
     train = measured(MOVING, time, rich(time), one, mode)
-    _, fit, steps, _ = climbed(train, train, Creep(elements=1), SecondMode())
+    foot, fit, steps, _ = climbed(train, train, Creep(elements=1), SecondMode())
     wide = ("creep", "second_mode", "sensor_lag", "rate_dependence")
     first = replace(steps[0], group=wide)
     offered: list[Effect] = [*OFFERED, SensorLag(), SecondMode()]
-    now = regrouped(fit, [first, steps[1]], offered, threads=2)
+    now = regrouped(foot, fit, [first, steps[1]], offered, threads=2)
     assert [s.group for s in now] == [("creep", "sensor_lag"), steps[1].group]
     assert now[0].fit is first.fit
     # A group of one was never in doubt, and the last step was judged beside all the others.
     alone = [replace(first, group=("creep",)), replace(steps[1], group=wide)]
-    assert regrouped(fit, alone, offered, threads=2) == alone
+    assert regrouped(foot, fit, alone, offered, threads=2) == alone
 
 
 def test_what_is_right_stays(records: tuple[po.Measurement, po.Measurement]) -> None:
@@ -242,3 +243,46 @@ def test_rivals_are_compared_in_the_details_of_their_shapes() -> None:
     assert [step.name for step in now] == ["friction"]
     assert better.rms == pytest.approx(5e-9, rel=0.03)
     assert "friction.stribeck" in better.names
+
+
+def test_rivals_of_a_step_with_details_are_compared_in_theirs() -> None:
+    """A loop whose width bends is noise but for its last few percent; the gain has a cube."""
+    time = clock(4000)
+    gain = NonlinearGain(), {"k2": 3e-10, "ratio": -4e-3}
+    mode = SecondMode(), {"g": 0.03, "omega": 2.0 * np.pi * 150.0, "zeta": 0.02}
+    train = measured(MOVING, time, rich(time), gain, mode, noise=1.5e-8)
+    test = measured(MOVING, time, triangle(time, 0.9), gain, mode, noise=1.5e-8, seed=1)
+    question = po.Identification(MOVING + Asymmetry() + SecondMode(), train)
+    plain = po.solve(question, start=TRUTH)
+    fit = po.solve(replace(question, free=("asymmetry.bend",)), start=plain)
+    assert fit.rms == pytest.approx(1.03 * 1.5e-8, rel=0.01)
+    foot, _, steps, held = climbed(train, test, Asymmetry(), SecondMode())
+    offered: list[Effect] = [Asymmetry(), NonlinearGain(), SecondMode()]
+    better, now, gone = exchange(foot, fit, steps, held, offered, threads=2)
+    assert gone == [("asymmetry", "nonlinear_gain")]
+    assert [step.name for step in now] == ["nonlinear_gain", "second_mode"]
+    assert better.rms == pytest.approx(1.5e-8, rel=0.01)
+    assert better.values["nonlinear_gain.ratio"] == pytest.approx(-4e-3, rel=0.05)
+
+
+@pytest.mark.parametrize(("best", "expected"), [(0, 3.0), (1, 2.0), (None, None)])
+def test_the_fit_without_a_step_begins_where_that_led_and_before_it(
+    best: int | None, expected: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An effect that brought mechanics has bent the loop: without it the search may stay behind."""
+    began: list[dict[str, float]] = []
+
+    def solved(_: object, start: dict[str, float]) -> Any:
+        began.append(start)
+        if best is None:
+            raise ArithmeticError
+        return SimpleNamespace(rms=[3.0, 4.0][best] if len(began) == 1 else [9.0, 2.0][best])
+
+    monkeypatch.setattr(module, "solved", solved)
+    question = SimpleNamespace(with_model=lambda _: None)
+    foot: Any = SimpleNamespace(values={"bouc_wen.beta": 1.0})
+    values = {"bouc_wen.beta": 5.0, "second_order.omega": 7.0}
+    fit: Any = SimpleNamespace(values=values, model=MOVING + Friction(), question=question)
+    found = module._without(foot, fit, SimpleNamespace(name="friction"))  # type: ignore[arg-type]
+    assert began == [values, {**values, "bouc_wen.beta": 1.0}]
+    assert (None if found is None else found.rms) == expected

@@ -426,6 +426,73 @@ def test_where_only_noise_is_left_laws_with_much_freedom_are_asked_for_their_pla
     assert asked == [beyond]
 
 
+@pytest.mark.parametrize(("p_value", "asked"), [(1e-9, [0]), (1e-2, [])])
+def test_steps_are_asked_again_where_an_effect_still_explains_what_is_left(
+    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, p_value: float, asked: list[int]
+) -> None:
+    """It may be too little for a name of its own, and what a step only imitates."""
+    ladder, held = two
+    seen: list[int] = []
+
+    def exchange(*given: Any, **options: Any) -> Any:
+        seen.append(options["beyond"])
+        return given[1], given[2], []
+
+    scores = (SimpleNamespace(p_value=p_value),)
+    monkeypatch.setattr(module, "exchange", exchange)
+    monkeypatch.setattr(module, "scored", lambda *_: (scores, ()))
+    way = module._Climb(ladder.baseline, (), held, [], lambda _: None, 1)
+    way.reconsidered(module._Stand(ladder.final, None, (), ladder.steps))
+    assert seen == asked
+
+
+@pytest.mark.parametrize(("base", "asked"), [(MOVING, []), (STILL, [True])])
+def test_a_lone_step_is_asked_again_where_it_brought_mechanics(
+    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, base: po.Model, asked: list[bool]
+) -> None:
+    """The others had none to be compared with."""
+    ladder, held = two
+    seen: list[bool] = []
+
+    def exchange(*given: Any, **options: Any) -> Any:
+        seen.append(options["last"])
+        return given[1], given[2], []
+
+    scores = (SimpleNamespace(p_value=0.0),)
+    monkeypatch.setattr(module, "exchange", exchange)
+    monkeypatch.setattr(module, "scored", lambda *_: (scores, ()))
+    foot: Any = SimpleNamespace(model=base)
+    way = module._Climb(foot, (), held, [], lambda _: None, 1)
+    way.reconsidered(module._Stand(ladder.final, None, (), ladder.steps[:1]))
+    assert seen == asked
+
+
+@pytest.mark.parametrize(("quiet", "asked"), [(True, 1), (False, 0)])
+def test_steps_are_asked_again_at_the_end_where_nothing_is_left_to_win(
+    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, quiet: bool, asked: int
+) -> None:
+    ladder, held = two
+    seen: list[Any] = []
+    taken: Any = (SimpleNamespace(suspect=True), None, ())
+    choices = iter([taken, None])
+    both = module._Stand(ladder.final, None, (), ladder.steps)
+
+    def reconsidered(_: Any, at: Any) -> Any:
+        seen.append(at)
+        return at
+
+    monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
+    monkeypatch.setattr(module, "astray", lambda *_: False)
+    monkeypatch.setattr(module, "nothing_to_win", lambda _: quiet)
+    monkeypatch.setattr(module._Climb, "choice", lambda *_: next(choices))
+    monkeypatch.setattr(module._Climb, "named", lambda *_: both)
+    monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
+    monkeypatch.setattr(module._Climb, "grouped", lambda _, at: at)
+    monkeypatch.setattr(module._Climb, "reconsidered", reconsidered)
+    climb(ladder.baseline, held, [])
+    assert len(seen) == asked
+
+
 def test_what_joined_beside_an_effect_is_told() -> None:
     """Mechanics that came along with a lag, and the loop's exponent, are no effects."""
     fit = crowded(CREEP)

@@ -7,6 +7,7 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.effects import SecondOrder
+from piezo_opt.identification import default
 from piezo_opt.identification.default import excitation, shown
 from piezo_opt.measurement import FloatArray
 from tests.identification.truth import MOVING, STILL, TRUTH, record
@@ -56,6 +57,16 @@ def test_a_pure_sine_hides_it(phase: float, why: str) -> None:
     # At phase 0 it sets in with a speed: the best resonance is then the ringing of the onset.
     drive = 30.0 + 30.0 * np.sin(2 * np.pi * 12.5 * np.arange(800) / 5000.0 + phase)
     assert why in still(shaken(300.0, 0.03, 5000.0, drive))
+
+
+@pytest.mark.parametrize(("share", "seen"), [(7e-10, True), (2e-10, False)])
+def test_the_bar_stands_between_a_sine_and_the_harmonics_of_a_triangle(
+    share: float, seen: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A chirp that ends below its resonance had shown that it halves the residual, by 8e-10."""
+    monkeypatch.setattr(default, "excitation", lambda *_: share)
+    model, _ = po.default_model(shaken(300.0, 0.03, 5000.0))
+    assert ("second_order" in model) is seen
 
 
 def test_a_resonance_beyond_what_the_sampling_holds_is_not_kept() -> None:
