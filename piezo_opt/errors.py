@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 
 class PiezoOptError(Exception):
     """Base of every error that the package raises on purpose."""
@@ -13,3 +15,7 @@ class InputError(PiezoOptError, ValueError):
 
 class ModelError(PiezoOptError, ValueError):
     """The sum of effects makes no sense: names the effect and hands over the fix."""
+
+
+NO_FIT: Final = (PiezoOptError, ArithmeticError, ValueError)
+"""What a fit without a finite start or an answer raises: one of many trials is passed over."""

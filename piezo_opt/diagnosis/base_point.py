@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.effects.base import Effect
-from piezo_opt.errors import PiezoOptError
+from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Start
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Objective
@@ -191,5 +191,5 @@ def base_point(fit: Fit) -> BasePoint | None:
     """The point of a fit; None where it cannot be simulated again, at the edge of stability."""
     try:
         return BasePoint(fit)
-    except (PiezoOptError, ArithmeticError, ValueError):
+    except NO_FIT:
         return None

@@ -15,7 +15,7 @@ from dataclasses import replace
 from piezo_opt.diagnosis.held_out import HeldOut, agrees
 from piezo_opt.diagnosis.refinements import explained
 from piezo_opt.diagnosis.rung import WORTH, solved
-from piezo_opt.errors import PiezoOptError
+from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation import INITIAL
@@ -33,7 +33,7 @@ def confirmed(foot: Fit, fit: Fit, held: HeldOut) -> bool:
         return False
     try:
         without, beside = (_following(one, held.record) for one in (foot, fit))
-    except (PiezoOptError, ArithmeticError, ValueError):
+    except NO_FIT:
         return False
     seen = beside.rms < (1.0 - WORTH) * without.rms
     return seen and agrees(without.residuals, beside.residuals)

@@ -27,7 +27,7 @@ from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Place
 from piezo_opt.effects.motion.second_order import SecondOrder
-from piezo_opt.errors import PiezoOptError
+from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.shapes import own
 from piezo_opt.identification.starting import joint_starts
@@ -183,7 +183,7 @@ def _fitted(fit: Fit, trial: Trial, suspect: Suspect) -> Rung | None:
     """A trial and its fit; None where it has none, or an implausible one."""
     try:
         richer = solved(trial.question, trial.start, _ITERATIONS)
-    except (PiezoOptError, ArithmeticError, ValueError):
+    except NO_FIT:
         return None
     rung = Rung(replace(trial, suspect=suspect), richer, bic_gain(fit, richer))
     return rung if plausible(rung) else None
@@ -196,7 +196,7 @@ def _fresh(fit: Fit, suspect: Suspect, given: Identification) -> tuple[list[Tria
     """
     best, second = [], []
     for trial in beside(fit, given, suspect):
-        with suppress(PiezoOptError, ArithmeticError, ValueError):
+        with suppress(*NO_FIT):
             starts = joint_starts(trial.question, trial.question.model.names[-1])
             best.append(replace(trial, start=starts[0]))
             second += [replace(trial, start=start) for start in starts[1:]]

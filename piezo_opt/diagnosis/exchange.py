@@ -23,7 +23,7 @@ from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.shortlist import scored, shortlist
 from piezo_opt.diagnosis.steps import Step
 from piezo_opt.effects.base import Effect
-from piezo_opt.errors import PiezoOptError
+from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit
 
 LIKELY = 1e-3
@@ -158,7 +158,7 @@ def _without(foot: Fit, fit: Fit, step: Step) -> Fit | None:
     question = fit.question.with_model(fit.model.without(step.name))
     found: list[Fit] = []
     for start in (fit.values, {**fit.values, **foot.values}):
-        with suppress(PiezoOptError, ArithmeticError, ValueError):
+        with suppress(*NO_FIT):
             found.append(solved(question, start))
     return min(found, key=lambda f: f.rms, default=None)
 
@@ -223,7 +223,7 @@ def _retold(foot: Fit, fit: Fit, steps: Sequence[Step], place: int, held: HeldOu
             model = fit.model
             for later in told[at + 1 :]:
                 model = model.without(later.name) if later.name in model else model
-            with suppress(PiezoOptError, ArithmeticError, ValueError):
+            with suppress(*NO_FIT):
                 now = solved(fit.question.with_model(model), fit.values)
         told[at] = replace(
             told[at],

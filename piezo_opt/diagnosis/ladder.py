@@ -31,7 +31,7 @@ from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name
 from piezo_opt.diagnosis.shortlist import scored
 from piezo_opt.diagnosis.steps import Step, shaped_further, step_to, topped
 from piezo_opt.effects.base import Effect
-from piezo_opt.errors import PiezoOptError
+from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, with_statistics
 
 FloatArray = NDArray[np.float64]
@@ -345,7 +345,7 @@ def _unaided(rung: Rung) -> Fit | None:
     question = rung.fit.question.with_model(rung.fit.model.without(rung.suspect.name))
     try:
         alone = solved(question, rung.fit.values)
-    except (PiezoOptError, ArithmeticError, ValueError):
+    except NO_FIT:
         return None
     return alone if bic_gain(alone, rung.fit) < STRONG else None
 

@@ -41,7 +41,7 @@ from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.model import Model
 from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.motion.spring import Spring
-from piezo_opt.errors import PiezoOptError
+from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.starting import starting_values
@@ -125,7 +125,7 @@ def _alone(
     def begun(one: tuple[Effect, Effect | None]) -> tuple[Effect, Effect | None, Trial] | None:
         effect, ground = one
         asked = question.with_model(_on(question.model, ground) + effect)
-        with suppress(PiezoOptError, ArithmeticError, ValueError):
+        with suppress(*NO_FIT):
             return effect, ground, Trial(asked, starting_values(asked, Monitor(())))
         return None
 

@@ -10,7 +10,7 @@ from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, rms
 from piezo_opt.diagnosis.refinements import plausible, shape_refinements, with_base_details
 from piezo_opt.diagnosis.rung import STRONG, WORTH, Trial, bic_gain, race, solved
 from piezo_opt.diagnosis.steps import Step, renamed, topped, without
-from piezo_opt.errors import PiezoOptError
+from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.starting import joint_start, starting_values
@@ -68,7 +68,7 @@ def _without(fit: Fit, name: str, held: HeldOut, threads: int) -> Fit | None:
     later = [n for n, effect in model if not effect.structural]
     trials = [Trial(fit.question.with_model(model), fit.values)]
     for begin in (starting_values, *(_jointly(n) for n in later)):
-        with suppress(PiezoOptError, ArithmeticError, ValueError):
+        with suppress(*NO_FIT):
             trials.append(Trial(fresh, begin(fresh, Monitor(()))))
     freed = set(fit.question.free) - set(held.question.free)
     if any(fit.model[k.split(".")[0]].structural for k in freed):
@@ -95,7 +95,7 @@ def _to_its_end(fit: Fit) -> Fit:
         return fit
     try:
         return solved(fit.question, fit.values)
-    except (PiezoOptError, ArithmeticError, ValueError):
+    except NO_FIT:
         return fit
 
 

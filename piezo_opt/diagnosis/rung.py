@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 
 from piezo_opt.diagnosis.scores import Suspect, effective_samples
-from piezo_opt.errors import PiezoOptError
+from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import (
     Ending,
     Fit,
@@ -106,7 +106,7 @@ def finely(fit: Fit) -> Fit:
     """A fit on sub-steps fine enough to estimate by; itself where that cannot be had."""
     try:
         return _heeding(solve(fit.question, start=fit.values, statistics=False))
-    except (PiezoOptError, ArithmeticError, ValueError):
+    except NO_FIT:
         return fit
 
 
@@ -135,14 +135,14 @@ def race(fit: Fit, trials: Sequence[Trial], threads: int, *, most: int | None = 
     def one(trial: Trial) -> Rung | None:
         try:
             richer = solved(trial.question, trial.start, _FIRST)
-        except (PiezoOptError, ArithmeticError, ValueError):
+        except NO_FIT:
             return None
         return Rung(trial, richer, bic_gain(fit, richer))
 
     def further(rung: Rung) -> Rung:
         try:
             richer = solved(rung.fit.question, rung.fit.values, _LATER)
-        except (PiezoOptError, ArithmeticError, ValueError):
+        except NO_FIT:
             return rung
         return replace(rung, fit=richer, delta_bic=bic_gain(fit, richer))
 

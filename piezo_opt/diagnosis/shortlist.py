@@ -12,7 +12,7 @@ from piezo_opt.diagnosis.refinements import moved, stiffened
 from piezo_opt.diagnosis.rung import Trial
 from piezo_opt.diagnosis.scores import Suspect, Unscored, score
 from piezo_opt.effects.base import Effect, Place
-from piezo_opt.errors import PiezoOptError
+from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.starting import starting_values
@@ -85,6 +85,6 @@ def entrants(fit: Fit, given: Identification, suspects: Sequence[Suspect]) -> li
     found = []
     for suspect in suspects:
         trial = beside(fit, given, suspect)[0]
-        with suppress(PiezoOptError, ArithmeticError, ValueError):
+        with suppress(*NO_FIT):
             found.append(replace(trial, start=starting_values(trial.question, Monitor(()))))
     return found
