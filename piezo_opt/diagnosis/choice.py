@@ -18,7 +18,7 @@ from piezo_opt.diagnosis.refinements import (
     refinements,
     with_base_details,
 )
-from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, adding, finely, race
+from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, Trial, adding, finely, race
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.shortlist import entrants, further, shortlist
 from piezo_opt.diagnosis.structure import structure
@@ -78,6 +78,7 @@ def refits(
     short = shortlist(likely, suspects) if likely else []
     trials = refinements(fit)
     rungs: list[Rung] = []
+    fresh: list[Trial] = []
     if short or trials:
         tell(_refitting(short))
         rungs = race(fit, [*trials, *(with_base_details(adding(s)) for s in short)], threads)
@@ -99,6 +100,16 @@ def refits(
         if not first:
             fresh = [with_base_details(trial) for trial in fresh]
         rungs += race(fit, [*bent, *fresh], threads)
+    found = _contested(fit, rungs, held, threads)
+    if first and fresh and not found:
+        # Beside the base model as it is at first nobody helps; its details may be half of it.
+        rungs += race(fit, [with_base_details(trial) for trial in fresh], threads)
+        found = _contested(fit, rungs, held, threads)
+    return found
+
+
+def _contested(fit: Fit, rungs: Sequence[Rung], held: HeldOut, threads: int) -> list[Rung]:
+    """Plausible rungs with the contenders' best fits, judged and sorted."""
     contenders = [r for r in rungs if plausible(r)]
     closest = min((r.fit for r in contenders), key=lambda f: f.rms, default=fit)
     afresh = closest is not fit and _alone(closest, held)

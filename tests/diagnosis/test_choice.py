@@ -364,6 +364,44 @@ def test_who_explains_one_record_and_misses_one_like_it_is_begun_afresh(
     assert told == [afresh]
 
 
+@pytest.mark.usefixtures("unit_noise")
+@pytest.mark.parametrize(
+    ("first", "helped", "raced"),
+    [(True, False, ["plain", "detailed"]), (True, True, ["plain"]), (False, False, ["detailed"])],
+)
+def test_where_nobody_helps_every_effect_is_begun_beside_the_details_of_the_base(
+    first: bool, helped: bool, raced: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Asymmetry beside a loop whose exponent is fixed explains nothing, and all beside a free one.
+
+    Beside what was found the details are free from the first.
+    """
+    seen: list[Any] = []
+    near = effect("bent", 5.0)
+
+    def race(_: Any, trials: Sequence[Any], __: int) -> list[Rung]:
+        seen.extend(trials)
+        return [near]
+
+    def contest(_: Any, rungs: list[Rung], *__: object, **___: object) -> list[Rung]:
+        return rungs if helped or "detailed" in seen else []
+
+    monkeypatch.setattr(choice, "refinements", lambda _: [])
+    monkeypatch.setattr(choice, "race", race)
+    monkeypatch.setattr(choice, "settled", lambda _: False)
+    monkeypatch.setattr(choice, "plausible", lambda _: True)
+    monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
+    monkeypatch.setattr(choice, "further", lambda *_: [])
+    monkeypatch.setattr(choice, "entrants", lambda *_: ["plain"])
+    monkeypatch.setattr(choice, "with_base_details", lambda _: "detailed")
+    monkeypatch.setattr(choice, "contest", contest)
+    found = choice.refits(
+        fit(9.0), JUDGED, (), first=first, bar=-1.0, tell=lambda _: None, threads=1
+    )
+    assert seen == raced
+    assert found
+
+
 @pytest.mark.usefixtures("judged")
 @pytest.mark.parametrize(
     ("error", "elsewhere", "first", "taken"),
