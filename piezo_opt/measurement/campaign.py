@@ -43,12 +43,22 @@ class Campaign:
 
     @staticmethod
     def of(records: Measurement | Iterable[Measurement] | Campaign) -> Campaign:
-        """A campaign from one record, several, or one already made."""
+        """A campaign from one record, several, or one already made.
+
+        Raises:
+            InputError: something that is no record.
+        """
         if isinstance(records, Campaign):
             return records
         if isinstance(records, Measurement):
             return Campaign((records,))
-        return Campaign(tuple(records))
+        several = tuple(records) if isinstance(records, Iterable) else (records,)
+        for record in several:
+            if not isinstance(record, Measurement):
+                raise InputError(
+                    f"{records!r} is no record: give what piezo_opt.read returns, or several of it."
+                )
+        return Campaign(several)
 
     def __iter__(self) -> Iterator[Measurement]:
         return iter(self.records)

@@ -210,6 +210,12 @@ def test_a_record_is_fitted_first(creeping: po.Fit) -> None:
     assert [r.name for r in several.fit.records] == [record.name, "twice"]
 
 
+@pytest.mark.parametrize("wrong", ["loop.csv", 3, [None]])
+def test_what_is_no_record_is_refused(wrong: Any) -> None:
+    with pytest.raises(InputError, match=r"is no record: give what piezo_opt\.read returns"):
+        diagnose(wrong)
+
+
 def test_an_interrupted_first_fit_is_not_diagnosed(
     creeping: po.Fit, monkeypatch: pytest.MonkeyPatch
 ) -> None:

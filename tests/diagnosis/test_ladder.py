@@ -407,64 +407,59 @@ def test_details_come_before_pairs_and_pairs_are_asked_for_once(
     assert [step.name for step in top.steps] == [step.name for step in ladder.steps]
 
 
-@pytest.mark.parametrize(("quiet", "beyond"), [(True, 3), (False, 0)])
-def test_where_only_noise_is_left_laws_with_much_freedom_are_asked_for_their_place(
-    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, quiet: bool, beyond: int
-) -> None:
-    ladder, held = two
-    asked: list[int] = []
+@pytest.fixture
+def exchanges(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """How steps were asked for their place; all of them keep it."""
+    asked: list[dict[str, Any]] = []
 
     def exchange(*given: Any, **options: Any) -> Any:
-        asked.append(options["beyond"])
+        asked.append(options)
         return given[1], given[2], []
 
     monkeypatch.setattr(module, "exchange", exchange)
+    return asked
+
+
+@pytest.mark.parametrize(("quiet", "beyond"), [(True, 3), (False, 0)])
+def test_where_only_noise_is_left_laws_with_much_freedom_are_asked_for_their_place(
+    two: tuple[Ladder, HeldOut], exchanges: list[dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch, quiet: bool, beyond: int,
+) -> None:  # fmt: skip
+    ladder, held = two
     monkeypatch.setattr(module, "nothing_to_win", lambda _: quiet)
     way = module._Climb(ladder.baseline, (), held, [], lambda _: None, 1)
     stand = module._Stand(ladder.final, None, (), ladder.steps)
     way.revised(stand, stand)
-    assert asked == [beyond]
+    assert [options["beyond"] for options in exchanges] == [beyond]
 
 
 @pytest.mark.parametrize(("p_value", "asked"), [(1e-9, [0]), (1e-2, [])])
 def test_steps_are_asked_again_where_an_effect_still_explains_what_is_left(
-    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, p_value: float, asked: list[int]
-) -> None:
+    two: tuple[Ladder, HeldOut], exchanges: list[dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch, p_value: float, asked: list[int],
+) -> None:  # fmt: skip
     """It may be too little for a name of its own, and what a step only imitates."""
     ladder, held = two
-    seen: list[int] = []
-
-    def exchange(*given: Any, **options: Any) -> Any:
-        seen.append(options["beyond"])
-        return given[1], given[2], []
-
     scores = (SimpleNamespace(p_value=p_value),)
-    monkeypatch.setattr(module, "exchange", exchange)
     monkeypatch.setattr(module, "scored", lambda *_: (scores, ()))
     way = module._Climb(ladder.baseline, (), held, [], lambda _: None, 1)
     way.reconsidered(module._Stand(ladder.final, None, (), ladder.steps))
-    assert seen == asked
+    assert [options["beyond"] for options in exchanges] == asked
 
 
 @pytest.mark.parametrize(("base", "asked"), [(MOVING, []), (STILL, [True])])
 def test_a_lone_step_is_asked_again_where_it_brought_mechanics(
-    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, base: po.Model, asked: list[bool]
-) -> None:
+    two: tuple[Ladder, HeldOut], exchanges: list[dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch, base: po.Model, asked: list[bool],
+) -> None:  # fmt: skip
     """The others had none to be compared with."""
     ladder, held = two
-    seen: list[bool] = []
-
-    def exchange(*given: Any, **options: Any) -> Any:
-        seen.append(options["last"])
-        return given[1], given[2], []
-
     scores = (SimpleNamespace(p_value=0.0),)
-    monkeypatch.setattr(module, "exchange", exchange)
     monkeypatch.setattr(module, "scored", lambda *_: (scores, ()))
     foot: Any = SimpleNamespace(model=base)
     way = module._Climb(foot, (), held, [], lambda _: None, 1)
     way.reconsidered(module._Stand(ladder.final, None, (), ladder.steps[:1]))
-    assert seen == asked
+    assert [options["last"] for options in exchanges] == asked
 
 
 @pytest.mark.parametrize(("quiet", "asked"), [(True, 1), (False, 0)])
