@@ -89,7 +89,7 @@ def contest(
         # Beside what was found the base model is bent less: who helps at all shows it at once.
         contenders = [r for r in contenders if r.fit.rms < _HELPS * fit.rms]
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        fitted = list(pool.map(lambda r: _chance(fit, r, given), contenders))
+        fitted = list(pool.map(lambda r: _chance(fit, r, given, threads), contenders))
         # Whoever can do exactly what another one does begins there as well, however far behind.
         behind = [r for r in named if r not in contenders]
         pairs = [(r, other) for r in [*fitted, *behind] for other in fitted if other is not r]
@@ -118,11 +118,11 @@ def _best_of_each(rungs: Sequence[Rung]) -> list[Rung]:
     return list(best.values())
 
 
-def _chance(fit: Fit, rung: Rung, given: Identification) -> Rung:
+def _chance(fit: Fit, rung: Rung, given: Identification, threads: int) -> Rung:
     """The best fit that a contender can be brought to, from where it is and from a fresh start."""
     assert rung.suspect is not None
     best = _founded(fit, rung)
-    first, second = _fresh(fit, rung.suspect, given)
+    first, second = _fresh(fit, rung.suspect, given, threads)
     for trial in first:
         fresh = _fitted(fit, trial, rung.suspect)
         if fresh is not None and fresh.fit.rms < _WORTH * best.fit.rms:
@@ -189,7 +189,9 @@ def _fitted(fit: Fit, trial: Trial, suspect: Suspect) -> Rung | None:
     return rung if plausible(rung) else None
 
 
-def _fresh(fit: Fit, suspect: Suspect, given: Identification) -> tuple[list[Trial], list[Trial]]:
+def _fresh(
+    fit: Fit, suspect: Suspect, given: Identification, threads: int
+) -> tuple[list[Trial], list[Trial]]:
     """The contender beside a base model that has forgotten what it was bent to without it.
 
     Best starts and second ones.
@@ -197,7 +199,7 @@ def _fresh(fit: Fit, suspect: Suspect, given: Identification) -> tuple[list[Tria
     best, second = [], []
     for trial in beside(fit, given, suspect):
         with suppress(*NO_FIT):
-            starts = joint_starts(trial.question, trial.question.model.names[-1])
+            starts = joint_starts(trial.question, trial.question.model.names[-1], threads)
             best.append(replace(trial, start=starts[0]))
             second += [replace(trial, start=start) for start in starts[1:]]
     return best, second

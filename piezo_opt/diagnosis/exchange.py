@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import final
 
+from piezo_opt.diagnosis.detail import in_detail
 from piezo_opt.diagnosis.grouping import group_of
 from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, rms
 from piezo_opt.diagnosis.refinements import explained, plausible, shape_refinements
@@ -83,7 +84,7 @@ def exchange(
         seen = _seen(foot, fit, step, candidates, threads)
         if seen is None:
             continue
-        rival = _rival(fit, step, seen, held)
+        rival = _rival(fit, step, seen, held, threads)
         if rival is not None and rival.suspect is not None:
             gone.append((step.name, rival.suspect.name))
             fit = rival.fit
@@ -186,7 +187,7 @@ def _shaped(fit: Fit, step: Step, poorer: Fit, ranked: Sequence[Rung], threads: 
     return [rung for rung in shaped if plausible(rung)]
 
 
-def _rival(fit: Fit, step: Step, seen: _Seen, held: HeldOut) -> Rung | None:
+def _rival(fit: Fit, step: Step, seen: _Seen, held: HeldOut, threads: int) -> Rung | None:
     """Who does better than a step where it stands.
 
     The step itself may do better from there, in a form that it did not have; it has precedence
@@ -198,10 +199,19 @@ def _rival(fit: Fit, step: Step, seen: _Seen, held: HeldOut) -> Rung | None:
     best = next((r for r in even if r.suspect and r.suspect.name == step.name), even[0])
     if bic_gain(fit, best.fit) < STRONG:
         return None
-    before, after = rms(elsewhere(fit, held)), rms(elsewhere(best.fit, held))
-    if before is not None and after is not None and not after <= before:
+    if _reaches(best.fit, fit, held):
+        return best
+    # What the others still lack in detail may show on the other record alone.
+    finer = in_detail(best.fit, threads)
+    if finer is best.fit or not _reaches(finer, fit, held):
         return None
-    return best
+    return replace(best, fit=finer, delta_bic=bic_gain(seen.poorer, finer))
+
+
+def _reaches(after: Fit, before: Fit, held: HeldOut) -> bool:
+    """Whether a fit does no worse than another one on the other record."""
+    there, here = rms(elsewhere(after, held)), rms(elsewhere(before, held))
+    return there is None or here is None or there <= here
 
 
 def _standing(fit: Fit, step: Step, seen: _Seen) -> Rung | None:

@@ -43,22 +43,35 @@ def prune(
     kept = list(steps)
     dropped: list[str] = []
     joined = any(e.structural and n not in held.question.model for n, e in fit.model)
-    for name in [step.name for step in steps]:
+    names = [step.name for step in steps]
+    while kept:
+        judged = not (_shapes(kept[-1], kept, fit) or joined or last or dropped)
+        asked = [n for n in names if n in fit.model and not (judged and n == kept[-1].name)]
+        spare = {
+            name: least for name in asked
+            if (least := _without(fit, name, held, threads)) is not None
+            and _spare(least, fit, held)
+        }  # fmt: skip
+        if not spare:
+            break
+        # Of two that can do without each other, whoever explains less goes.
+        name = min(spare, key=lambda n: bic_gain(spare[n], fit))
         # By name: a step that follows a dropped one is another object with what that one had won.
         step = next(one for one in kept if one.name == name)
-        named = {other.name for other in kept}
-        shapes = [n for n in step.group[1:] if n in fit.model and n not in named]
-        judged = step is kept[-1] and not (shapes or joined or last or dropped)
-        if name not in fit.model or judged:
-            continue
-        least = _without(fit, name, held, threads)
-        if least is not None and _spare(least, fit, held):
-            fit = least
-            left = renamed(kept, step, shapes[0], fit) if shapes else without(kept, step)
-            dropped.append(name)
-            there = rms(elsewhere(fit, held))
-            kept = [*left[:-1], *(topped(top, fit, there) for top in left[-1:])]
+        shapes, fit = _shapes(step, kept, fit), spare[name]
+        left = renamed(kept, step, shapes[0], fit) if shapes else without(kept, step)
+        dropped.append(name)
+        there = rms(elsewhere(fit, held))
+        kept = [*left[:-1], *(topped(top, fit, there) for top in left[-1:])]
+        # Who could not be done without beside the dropped one cannot be without it.
+        names = [one.name for one in kept if one.name in spare or one is kept[-1]]
     return fit, kept, dropped
+
+
+def _shapes(step: Step, steps: Sequence[Step], fit: Fit) -> list[str]:
+    """Effects of a step's group that the fit has as shapes of that step."""
+    named = {other.name for other in steps}
+    return [n for n in step.group[1:] if n in fit.model and n not in named]
 
 
 def _without(fit: Fit, name: str, held: HeldOut, threads: int) -> Fit | None:

@@ -10,6 +10,7 @@ and whose candidates come from the spectrum.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -159,7 +160,7 @@ def joint_start(question: Identification, name: str) -> Values:
     return joint_starts(question, name)[0]
 
 
-def joint_starts(question: Identification, name: str) -> tuple[Values, ...]:
+def joint_starts(question: Identification, name: str, threads: int = 1) -> tuple[Values, ...]:
     """Where to begin with an optional effect, as if the fit without it had never been; best first.
 
     A fit without the effect has bent its loop to imitate it. Here the width of the loop and the
@@ -170,6 +171,7 @@ def joint_starts(question: Identification, name: str) -> tuple[Values, ...]:
     Args:
         question: the effect and the base model; values it gives are kept.
         name: of the effect.
+        threads: trials that run at a time.
     """
     monitor = Monitor(())
     model = question.model
@@ -191,15 +193,19 @@ def joint_starts(question: Identification, name: str) -> tuple[Values, ...]:
     residual = _Search(without, monitor).misfit(
         {k: v for k, v in start.items() if k in Values.nominal(without.model) or "initial" in k}
     )
-    trials = []
+    begun = []
     for shapes in shape_grid(model[name], record, residual):
         own = {f"{name}.{k}": v for k, v in shapes.items()}
         for width in (*_JOINT_WIDTHS, None) if widths else (None,):
             wide = {} if width is None else {**dict.fromkeys(widths, width / swing),
                                              **dict.fromkeys(gammas, 0.0)}  # fmt: skip
-            trials.append(search.trial({**start, **own, **wide}, (gate,)))
-    trials.sort(key=lambda pair: pair[0])
-    followed = [search.followed(found) for _, found in trials[:_FOLLOWED]]
+            begun.append({**start, **own, **wide})
+    nominal, *others = begun
+    trials = [search.trial(nominal, (gate,))]  # which chooses the sub-steps of them all
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        trials += pool.map(lambda one: search.trial(one, (gate,)), others)
+        nearest = sorted(trials, key=lambda pair: pair[0])[:_FOLLOWED]
+        followed = list(pool.map(lambda pair: search.followed(pair[1]), nearest))
     ranked = [found for _, found in sorted(followed, key=lambda pair: pair[0])]
     best = ranked[0]
     shaping = sorted(k for k in best if k.startswith(f"{name}.") and k != gate)

@@ -377,7 +377,7 @@ def test_however_far_behind_friction_begins_at_what_a_mount_does(
     monkeypatch.setattr(module, "_NEAR", 1.02)
     monkeypatch.setattr(module, "_explained", lambda _: False)
     monkeypatch.setattr(module, "settled", lambda _: False)
-    monkeypatch.setattr(module, "_chance", lambda _, rung, __: rung)
+    monkeypatch.setattr(module, "_chance", lambda _, rung, *__: rung)
     rungs = [Rung(friction, stuck, 0.0), Rung(mount, found, 0.0)]
     best = contest(fit, rungs, fit.question, 1)[0]
     assert best.suspect is not None
@@ -398,7 +398,7 @@ def test_where_the_best_leaves_no_structure_only_close_ones_are_in_the_contest(
     assert far
     fought: list[str] = []
 
-    def watched(_: po.Fit, rung: Rung, __: po.Identification) -> Rung:
+    def watched(_: po.Fit, rung: Rung, *__: object) -> Rung:
         assert rung.suspect is not None
         fought.append(rung.suspect.name)
         return rung
@@ -425,7 +425,7 @@ def test_who_leaves_but_noise_begins_afresh_only_where_it_is_doubted(
     rungs = race(fit, [adding(s) for s in suspects], 1)
     fought: list[Rung] = []
 
-    def watched(_: po.Fit, rung: Rung, __: po.Identification) -> Rung:
+    def watched(_: po.Fit, rung: Rung, *__: object) -> Rung:
         fought.append(rung)
         return rung
 
@@ -453,6 +453,6 @@ def test_a_contender_has_a_second_start_where_its_shapes_may_be_elsewhere(
     right = {**trial.start, **{f"friction.{k}": v for k, v in law.items()}}
     monkeypatch.setattr(module, "joint_starts", lambda *_: (wrong, right))
     monkeypatch.setattr(module, "_founded", lambda _, rung: rung)
-    best = module._chance(fit, stuck, fit.question)
+    best = module._chance(fit, stuck, fit.question, 1)
     assert best.fit.values["friction.z0"] == pytest.approx(4e-7, rel=0.05)
     assert best.fit.rms == pytest.approx(NOISE, rel=0.05)

@@ -13,7 +13,7 @@ import piezo_opt as po
 from piezo_opt.diagnosis import exchange as module
 from piezo_opt.diagnosis.exchange import exchange, regrouped
 from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
-from piezo_opt.diagnosis.rung import STRONG, Trial, bic_gain
+from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain
 from piezo_opt.diagnosis.steps import Step
 from piezo_opt.effects import (
     AmplifierLag,
@@ -228,6 +228,25 @@ def test_the_held_out_record_has_a_veto(
     monkeypatch.setattr(module, "elsewhere", lambda *_: None)
     _, _, gone = exchange(foot, fit, steps, replace(held, record=None), OFFERED, threads=2)
     assert gone
+
+
+@pytest.mark.parametrize(("error", "gives_way"), [(1.01, False), (0.99, True)])
+def test_a_rival_that_predicts_worse_is_asked_again_in_detail(
+    error: float, gives_way: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What another step still lacks in detail had kept the right one from its place."""
+    standing, rival, finer = (SimpleNamespace(rms=1.0, held=h) for h in (1.0, 2.0, error))
+    suspect: Any = SimpleNamespace(name="creep")
+    rung = Rung(Trial(None, {}, suspect), rival, 50.0)  # type: ignore[arg-type]
+    seen: Any = SimpleNamespace(ranked=[rung], poorer=None)
+    monkeypatch.setattr(module, "bic_gain", lambda *_: 2.0 * STRONG)
+    monkeypatch.setattr(module, "elsewhere", lambda of, _: np.full(4, of.held))
+    monkeypatch.setattr(module, "in_detail", lambda of, _: finer if of is rival else of)
+    which: Any = SimpleNamespace(name="drift")
+    found = module._rival(standing, which, seen, None, 1)  # type: ignore[arg-type]
+    assert (found is not None) is gives_way
+    if found is not None:
+        assert (found.fit, found.suspect, found.delta_bic) == (finer, suspect, 2.0 * STRONG)
 
 
 def test_rivals_are_compared_in_the_details_of_their_shapes() -> None:

@@ -263,7 +263,7 @@ def test_two_steps_in_a_row_are_dropped() -> None:
     steps = [step(fit, name) for name in ("drift", "nonlinear_gain", "creep")]
     steps[0] = replace(steps[0], rms_before=3.0)
     pruned, kept, dropped = prune(fit, steps, alone(fit), 1)
-    assert dropped == ["drift", "nonlinear_gain"]
+    assert sorted(dropped) == ["drift", "nonlinear_gain"]
     assert [(s.name, s.rms_before, s.rms_after, s.delta_bic) for s in kept] == [
         ("creep", 3.0, pruned.rms, 60.0)
     ]
