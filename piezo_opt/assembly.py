@@ -68,8 +68,11 @@ class System:
 
 
 def folded(model: Model, runtime: Sequence[str] = ()) -> dict[str, float]:
-    """Parameters that are constants of the code: declared fixed and not asked for at run time."""
-    return {k: p.nominal for k, p in model.parameters.items() if p.fixed and k not in runtime}
+    """Parameters that are constants of the code: fixed, of no option, not asked for at run time."""
+    return {
+        k: p.nominal for k, p in model.parameters.items()
+        if p.fixed and not p.given and k not in runtime
+    }  # fmt: skip
 
 
 def assemble(model: Model, constants: Mapping[str, float] | None = None) -> System:

@@ -81,7 +81,7 @@ def refits(
     fresh: list[Trial] = []
     if short or trials:
         tell(_refitting(short))
-        rungs = race(fit, [*trials, *(with_base_details(adding(s)) for s in short)], threads)
+        rungs = race(fit, [*trials, *(with_base_details(adding(fit, s)) for s in short)], threads)
     closest = min((r.fit for r in rungs), key=lambda f: f.rms, default=fit)
     floor = noise_floor(closest).rms
     calm = settled(closest)
@@ -95,7 +95,7 @@ def refits(
         more = further(suspects, short)
         lost = doubtful or closest.rms > _LOST * floor
         tell(f"{_refitting(more)}{', and all from a fresh start' if lost else ''}")
-        bent = [with_base_details(adding(s)) for s in more]
+        bent = [with_base_details(adding(fit, s)) for s in more]
         fresh = entrants(fit, held.question, suspects) if lost else []
         if not first:
             fresh = [with_base_details(trial) for trial in fresh]

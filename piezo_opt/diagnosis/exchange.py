@@ -10,7 +10,7 @@ ch. 3.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import final
@@ -56,6 +56,7 @@ def exchange(
     last: bool = False,
     anew: bool = False,
     beyond: int = 0,
+    also: Collection[str] = (),
 ) -> tuple[Fit, list[Step], list[tuple[str, str]]]:
     """The ladder with each earlier step in the form of the rival that does better in its place.
 
@@ -70,6 +71,7 @@ def exchange(
             there are now; else it stays, unless one of the others gives way.
         anew: whether no step was judged before; all are told and grouped here.
         beyond: parameters of an effect of its own, beyond which its step is asked for.
+        also: names that are fitted in each place, whatever their scores there.
 
     Returns:
         the fit, the steps, and pairs of names: what gave way to what. Twice the same name is the
@@ -81,7 +83,7 @@ def exchange(
         judged_last = place == len(steps) - 1 and not (last or anew or gone)
         if judged_last or sum(k.startswith(f"{step.name}.") for k in fit.names) <= beyond:
             continue
-        seen = _seen(foot, fit, step, candidates, threads)
+        seen = _seen(foot, fit, step, candidates, threads, also)
         if seen is None:
             continue
         rival = _rival(fit, step, seen, held, threads)
@@ -128,7 +130,12 @@ def regrouped(
 
 
 def _seen(
-    foot: Fit, fit: Fit, step: Step, candidates: Sequence[Effect], threads: int
+    foot: Fit,
+    fit: Fit,
+    step: Step,
+    candidates: Sequence[Effect],
+    threads: int,
+    also: Collection[str] = (),
 ) -> _Seen | None:
     """A fit without one of its steps, and who would take its place; None where nobody would."""
     poorer = _without(foot, fit, step)
@@ -139,8 +146,9 @@ def _seen(
     if not likely:
         return None
     short = shortlist(likely, suspects)
-    own = [s for s in suspects if s.name == step.name and s not in short]
-    trials = [adding(s) for s in (*short, *own)]
+    asked = {step.name, *also}
+    more = [s for s in suspects if s.name in asked and s not in short]
+    trials = [adding(poorer, s) for s in (*short, *more)]
     # Without the step the others have moved to make up for it: a rival begins beside them as they
     # were, too.
     standing = {k: v for k, v in fit.values.items() if k in poorer.values}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -231,11 +231,13 @@ class _Climb:
         stand = replace(at, steps=tuple(steps), dropped=(*at.dropped, *spare))
         return self.onto(stand, fit)
 
-    def exchanged(self, at: _Stand, *, last: bool, beyond: int = 0) -> _Stand:
+    def exchanged(
+        self, at: _Stand, *, last: bool, beyond: int = 0, also: Collection[str] = ()
+    ) -> _Stand:
         """With each step in the form of whoever does better in its place."""
         fit, steps, gone = exchange(
             self.foot, at.fit, at.steps, self.held, self.candidates, self.threads,
-            last=last, beyond=beyond,
+            last=last, beyond=beyond, also=also,
         )  # fmt: skip
         if not gone:
             return replace(at, fit=fit, steps=tuple(steps))
@@ -250,15 +252,15 @@ class _Climb:
         """With each earlier step asked for its place, where what is left is not noise to all.
 
         An effect that still explains a significant part, too small for a name, may be what a step
-        stands for. A lone step that brought mechanics was compared with effects that had none.
+        stands for, also where it explained nothing before. A lone step that brought mechanics was
+        compared with effects that had none.
         """
         joined = any(e.structural and n not in self.foot.model for n, e in at.fit.model)
-        if len(at.steps) < 2 and not joined:
-            return at
         fresh = self.scored(at)
-        if not any(suspect.p_value < LIKELY for suspect in fresh.now):
+        likely = {suspect.name for suspect in fresh.now if suspect.p_value < LIKELY}
+        if not likely:
             return fresh
-        return self.exchanged(fresh, last=joined)
+        return self.exchanged(fresh, last=joined or len(at.steps) == 1, also=likely)
 
     def grouped(self, at: _Stand) -> _Stand:
         """With the groups of the earlier steps as the record tells them beside the later ones."""
@@ -311,7 +313,7 @@ def climb(
         if nothing_to_win(at.fit):
             break
         at = way.scored(at)
-    if at.steps and nothing_to_win(at.fit):
+    if at.steps:
         at = way.reconsidered(at)
     if at.steps and at.touched:
         at = way.pruned(at, last=True)

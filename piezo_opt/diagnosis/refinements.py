@@ -117,12 +117,14 @@ def plausible(rung: Rung) -> bool:
     """Whether mechanics that joined show a resonance, and what was freed found a value.
 
     A lag in the guise of mechanics is none, nor a phase where the drive shakes nothing; a loop
-    whose exponent runs to its bound imitates something else.
+    whose exponent runs to its bound imitates something else. Beside an effect that was scored on
+    mechanics the rise towards a resonance is enough.
     """
     freed = rung.trial.refines
     at_bound = rung.suspect is None and set(freed) & set(rung.fit.at_bound)
     return not at_bound and all(
         _resonates(rung.fit, name)
+        or (rung.suspect and name in rung.suspect.base.model and _rises(rung.fit, name))
         for name, effect in rung.fit.model
         if name in freed and isinstance(effect, SecondOrder)
     )
@@ -142,10 +144,15 @@ def _resonates(fit: Fit, mechanics: str) -> bool:
     record, omega = fit.records[0], f"{mechanics}.omega"
     if shown(record, fit.values[omega], fit.values[f"{mechanics}.zeta"]):
         return True
-    rising = fit.values[f"{mechanics}.zeta"] < _RISING and fit.values[omega] * record.step < np.pi
-    if not rising or not explained(fit):
+    if not _rises(fit, mechanics) or not explained(fit):
         return False
     return bool(with_statistics(fit).std[omega] < _KNOWN * fit.values[omega])
+
+
+def _rises(fit: Fit, mechanics: str) -> bool:
+    """Whether the response to these mechanics grows towards a resonance that can be sampled."""
+    omega, zeta = (fit.values[f"{mechanics}.{own}"] for own in ("omega", "zeta"))
+    return zeta < _RISING and omega * fit.records[0].step < np.pi
 
 
 def stiffened(fit: Fit) -> Fit | None:

@@ -78,10 +78,17 @@ class Rung:
         return self.trial.suspect
 
 
-def adding(suspect: Suspect) -> Trial:
-    """The model with a suspect, started at its one-step size, shapes free."""
+def adding(below: Fit, suspect: Suspect) -> Trial:
+    """The model with a suspect, started at its one-step size, shapes free.
+
+    Args:
+        below: the fit that lacks it; mechanics on which it was scored and which that one has not
+            join with it.
+        suspect: the effect.
+    """
     fit = suspect.base
     model = fit.model + suspect.effect
+    joined = tuple(n for n in fit.model.names if n not in below.model)
     name = model.names[-1]
     gate = suspect.effect.parameters[suspect.effect.gate or ""]
     size = float(np.clip(suspect.size, *gate.bounds))
@@ -90,7 +97,7 @@ def adding(suspect: Suspect) -> Trial:
         **{f"{name}.{k}": v for k, v in suspect.shapes.items()},
         f"{name}.{suspect.effect.gate}": size,
     }
-    return Trial(fit.question.with_model(model), start, suspect)
+    return Trial(fit.question.with_model(model), start, suspect, joined)
 
 
 def solved(question: Identification, start: Mapping[str, float], iterations: int = 40) -> Fit:

@@ -16,7 +16,7 @@ import inspect
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, final
@@ -65,12 +65,16 @@ class Parameter:
         bounds: physically possible range, (-inf, inf) where there is none.
         typical: range seen in practice: start values and search grids are drawn from it.
         null: on the gate of an optional effect: the value at which the effect vanishes.
-        fixed: kept at its value unless the user frees it; folded into the compiled code.
+        fixed: kept at its value unless the user frees it; folded into the compiled code unless an
+            option gives it.
         detail: a fixed shape that one record in many can see (the roundness of a knee): a search
             for missing effects frees it where that pays, before it asks for another effect.
         per_record: a campaign estimates one value for every record.
+        coarse: a shape that hardly changes what the effect does: a search tries every second value.
         when, unless: name of an option of the effect with which, or without which, there is this
             parameter: effects of several forms declare those of all.
+        given: name of an option of the effect that holds the nominal value in this one's place
+            (the mains of a country): forms that differ in nothing else share their compiled code.
     """
 
     unit: str
@@ -82,8 +86,10 @@ class Parameter:
     fixed: bool = False
     detail: bool = False
     per_record: bool = False
+    coarse: bool = False
     when: str = ""
     unless: str = ""
+    given: str = ""
 
     def __post_init__(self) -> None:
         low, high = self.bounds
@@ -234,11 +240,12 @@ class Effect(ABC):
                 f"Effect {cls.__name__} declares no place: write place = Place.STRAIN."
             )
         for name, parameter in cls._parameters.items():
-            for option in filter(None, (parameter.when, parameter.unless)):
+            for option in filter(None, (parameter.when, parameter.unless, parameter.given)):
                 if option not in body.get("__annotations__", {}):
                     raise ModelError(
                         f"Effect {cls.__name__}: the parameter '{name}' depends on the option "
-                        f"'{option}', which is not declared: write {option}: bool = False."
+                        f"'{option}', which is not declared: write {option}: "
+                        f"{'float = ...' if option == parameter.given else 'bool = False'}."
                     )
         gates = [k for k, v in cls._parameters.items() if v.null is not None]
         if not cls.structural and len(gates) != 1:
@@ -253,6 +260,13 @@ class Effect(ABC):
                 raise ModelError(
                     f"{self.name}: the number of elements of '{name}' is {size!r}; give a whole "
                     f"number from 1 to {_LARGEST}."
+                )
+        for p in self._parameters.values():
+            given, (low, high) = getattr(self, p.given) if p.given else p.nominal, p.bounds
+            if not isinstance(given, (int, float)) or not low <= given <= high:
+                raise ModelError(
+                    f"{self.name}: the option '{p.given}' is {given!r}; give the {p.meaning} as a "
+                    f"number from {low:g} to {high:g} {p.unit}."
                 )
 
     @abstractmethod
@@ -287,9 +301,10 @@ class Effect(ABC):
     def parameters(self) -> Mapping[str, Parameter]:
         """Declared parameters of this form by name, in the order written."""
         return {
-            k: p for k, p in self._parameters.items()
+            k: replace(p, nominal=getattr(self, p.given)) if p.given else p
+            for k, p in self._parameters.items()
             if (not p.when or getattr(self, p.when)) and not (p.unless and getattr(self, p.unless))
-        }  # fmt: skip
+        }
 
     @property
     def states(self) -> Mapping[str, int]:

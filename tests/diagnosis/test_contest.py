@@ -9,6 +9,7 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis import contest as module
+from piezo_opt.diagnosis import refinements as refining
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.contest import beside, contest, forgetful
 from piezo_opt.diagnosis.held_out import HeldOut, hold_out
@@ -107,6 +108,28 @@ def test_a_chain_that_forgets_between_two_samples_is_not_made_denser() -> None:
     assert details(2.0 * record.step) == Creep(elements=3)
 
 
+def test_mechanics_that_an_effect_was_scored_on_are_looked_at_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A slow lag is no charge on a plate behind mechanics that never rise."""
+    time = clock(2000)
+    lag = AmplifierLag(), {"share": 1.0, "tau": 0.02}
+    fit = fitted(STILL, measured(STILL, time, rich(time), lag))
+    ground = fitted(MOVING, fit.records[0])
+    (suspect,), _ = score(BasePoint(ground), [ChargeBackCoupling()])
+    trial = adding(fit, suspect)
+    assert trial.refines == ("second_order",)
+    assert adding(ground, suspect).refines == ()
+    start = {**trial.start, "second_order.omega": 100.0}
+    monkeypatch.setattr(refining, "_resonates", lambda *_: False)
+    for zeta, rises in ((1.0, False), (0.4, False), (0.2, True)):
+        question = replace(trial.question, fixed={"second_order.zeta": zeta})
+        rung = Rung(trial, solved(question, {**start, "second_order.zeta": zeta}, 1), 1.0)
+        assert plausible(rung) is rises
+        # Alone they need more than a rise.
+        assert not plausible(replace(rung, trial=replace(trial, suspect=None)))
+
+
 TRUTH_OF = {n: v for n, v in TRUTH.items() if n in STILL.parameters}
 
 
@@ -191,12 +214,12 @@ def test_a_contest_is_held_only_where_something_is_left() -> None:
     creep = Creep(elements=1), {"c": 0.03, "tau": 0.1}
     fit = fitted(MOVING, measured(MOVING, time, rich(time), creep))
     suspects, _ = score(BasePoint(fit), [Creep(elements=1), Drift()])
-    rungs = race(fit, [adding(s) for s in suspects], 2)
+    rungs = race(fit, [adding(fit, s) for s in suspects], 2)
     settled = contest(fit, rungs, fit.question)
     assert [r.fit for r in settled] == [r.fit for r in rungs if r.delta_bic > 10.0]
     cubed = fitted(STILL, measured(STILL, time, rich(time), CUBED))
     suspects, _ = score(BasePoint(cubed), [NonlinearGain()])
-    rungs = race(cubed, [adding(s) for s in suspects], 2)
+    rungs = race(cubed, [adding(cubed, s) for s in suspects], 2)
     best, *_ = contest(cubed, rungs, cubed.question)
     assert "nonlinear_gain.ratio" in best.fit.names
     assert best.fit.rms < 0.9 * rungs[0].fit.rms
@@ -207,10 +230,10 @@ def test_a_fresh_start_forgets_the_base_and_keeps_what_was_added() -> None:
     creep = Creep(elements=1), {"c": 0.03, "tau": 0.1}
     fit = fitted(STILL, measured(STILL, time, rich(time), creep))
     (suspect,), _ = score(BasePoint(fit), [Creep(elements=1)])
-    (rung,) = race(fit, [adding(suspect)], 1)
+    (rung,) = race(fit, [adding(fit, suspect)], 1)
     assert isinstance(rung, Rung)
     question = forgetful(rung.fit, po.Identification(STILL, rung.fit.records[0]))
-    assert set(question.values) == {"creep.c", "creep.tau", "creep.power"}
+    assert set(question.values) == {"creep.c", "creep.tau", "creep.power", "creep.spread"}
     assert question.values["creep.tau"] == rung.fit.values["creep.tau"]
     start = joint_start(po.Identification(STILL + Creep(elements=1), rung.fit.records[0]), "creep")
     again = solved(rung.fit.question, start)
@@ -240,7 +263,7 @@ def creeping_loop(exponent: float) -> tuple[po.Fit, Rung]:
     reading = po.simulate(STILL + Creep(elements=1), blank, truth).reading
     fit = fitted(STILL, blank.with_(position=reading + noise))
     (suspect,), _ = score(BasePoint(fit), [Creep(elements=1)])
-    (rung,) = race(fit, [with_base_details(adding(suspect))], 1)
+    (rung,) = race(fit, [with_base_details(adding(fit, suspect))], 1)
     assert rung.trial.refines == ("bouc_wen.n",)
     return fit, rung
 
@@ -324,7 +347,7 @@ def test_what_the_motion_drives_is_heard_at_a_fit_that_left_the_mechanics_out() 
     (trial,) = beside(fit, fit.question, suspect)
     assert trial.refines == ("second_order",)
     assert trial.question.model.names == (*STILL.names, "second_order", "charge_back_coupling")
-    (rung,) = race(fit, [adding(suspect)], 1)
+    (rung,) = race(fit, [adding(fit, suspect)], 1)
     assert rung.fit.rms == pytest.approx(NOISE, rel=0.05)
 
 
@@ -336,7 +359,7 @@ def test_static_friction_and_micro_damping_are_details_of_friction() -> None:
     hidden = Friction(), contact
     fit = fitted(MOVING, measured(MOVING, time, drive, hidden))
     (suspect,), _ = score(BasePoint(fit), [Friction()], 1)
-    (rung,) = race(fit, [adding(suspect)], 1)
+    (rung,) = race(fit, [adding(fit, suspect)], 1)
     assert rung.fit.rms > 3.0 * NOISE
     (details,) = (t for t in shape_refinements(rung.fit) if "friction.tau" in t.refines)
     assert details.refines == ("friction.stribeck", "friction.w_s", "friction.tau")
@@ -367,7 +390,7 @@ def test_however_far_behind_friction_begins_at_what_a_mount_does(
     law = {"F": 20.0, "z0": 2e-6}
     fit = fitted(MOVING, measured(MOVING, time, rich(time), (Friction(), law)))
     suspects, _ = score(BasePoint(fit), [Friction(), HystereticForce()])
-    friction, mount = (adding(s) for s in sorted(suspects, key=lambda s: s.name))
+    friction, mount = (adding(fit, s) for s in sorted(suspects, key=lambda s: s.name))
     like = HystereticForce().like("friction", law)
     assert like is not None
     there = {**TRUTH, **{f"hysteretic_force.{k}": v for k, v in like.items()}}
@@ -392,7 +415,7 @@ def test_where_the_best_leaves_no_structure_only_close_ones_are_in_the_contest(
     creep = Creep(elements=1), {"c": 0.03, "tau": 0.1}
     fit = fitted(STILL, measured(STILL, time, rich(time), creep))
     suspects, _ = score(BasePoint(fit), [Creep(elements=1), Drift(), AmplifierLag()])
-    rungs = race(fit, [adding(s) for s in suspects], 1)
+    rungs = race(fit, [adding(fit, s) for s in suspects], 1)
     best = min(r.fit.rms for r in rungs)
     far = {r.suspect.name for r in rungs if r.suspect and r.fit.rms > 1.25 * best}
     assert far
@@ -422,7 +445,7 @@ def test_who_leaves_but_noise_begins_afresh_only_where_it_is_doubted(
     creep = Creep(elements=1), {"c": 0.03, "tau": 0.1}
     fit = fitted(MOVING, measured(MOVING, time, rich(time), creep))
     suspects, _ = score(BasePoint(fit), [Creep(elements=1), Drift()])
-    rungs = race(fit, [adding(s) for s in suspects], 1)
+    rungs = race(fit, [adding(fit, s) for s in suspects], 1)
     fought: list[Rung] = []
 
     def watched(_: po.Fit, rung: Rung, *__: object) -> Rung:
@@ -442,7 +465,7 @@ def test_a_contender_has_a_second_start_where_its_shapes_may_be_elsewhere(
     law = {"F": 0.05, "z0": 4e-7}
     fit = fitted(MOVING, measured(MOVING, time, rich(time), (Friction(), law)))
     (suspect,), _ = score(BasePoint(fit), [Friction()])
-    trial = adding(suspect)
+    trial = adding(fit, suspect)
     starts = joint_starts(fit.question.with_model(MOVING + Friction()), "friction")
     assert len(starts) == 2
     first, second = (start["friction.z0"] for start in starts)

@@ -18,6 +18,7 @@ from piezo_opt.effects import (
     BoucWen,
     Creep,
     Effect,
+    MainsPickup,
     Offset,
     PiezoGain,
     PrandtlIshlinskii,
@@ -265,6 +266,17 @@ class Broken(Effect):
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Raises."""
         raise RuntimeError("the dog ate it")
+
+
+def test_the_hum_of_another_country_and_another_laser_are_named() -> None:
+    """Sixty hertz were a second mode without damping, and fibre optics nothing at all."""
+    train = measured(STILL, TIME, rich(TIME), (MainsPickup(mains=60.0), {"a": 4e-8, "phi": 0.3}))
+    found = po.diagnose(fitted(STILL, train), advise=False, rivals=False)
+    assert [step.effect for step in found.steps] == [MainsPickup(mains=60.0)]
+    assert found.final.rms == pytest.approx(NOISE, rel=0.05)
+    train = measured(STILL, TIME, rich(TIME), (SensorNonlinearity(laser=1.55e-6), {"a": 4e-8}))
+    found = po.diagnose(fitted(STILL, train), advise=False, rivals=False)
+    assert [step.effect for step in found.steps] == [SensorNonlinearity(laser=1.55e-6)]
 
 
 def test_the_users_own_effects_compete(unexplained: Diagnosis) -> None:

@@ -198,6 +198,27 @@ def test_a_rival_begins_beside_the_others_as_they_were(
         assert any(bent.start[k] != fit.values[k] for k in others)
 
 
+@pytest.mark.parametrize("also", [(), ("nonlinear_gain",)])
+def test_who_still_explains_a_part_at_the_end_is_fitted_in_each_place(
+    records: tuple[po.Measurement, po.Measurement],
+    also: tuple[str, ...],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Whatever its scores there: beside what a step only imitated it may explain nothing."""
+    foot, fit, steps, _ = climbed(*records, Creep(elements=1), SensorCurvature())
+    tried: list[str] = []
+
+    def race(_: po.Fit, trials: list[Trial], __: int) -> list[Rung]:
+        tried.extend(t.suspect.name for t in trials if t.suspect)
+        return []
+
+    monkeypatch.setattr(module, "race", race)
+    monkeypatch.setattr(module, "judged", lambda *_: [])
+    monkeypatch.setattr(module, "shortlist", lambda *_: [])
+    module._seen(foot, fit, steps[0], OFFERED, 2, also)
+    assert set(tried) == {"creep", *also}
+
+
 @pytest.mark.parametrize(("gain", "gives_way"), [(0.99 * STRONG, False), (1.01 * STRONG, True)])
 def test_only_strong_evidence_takes_a_place(
     records: tuple[po.Measurement, po.Measurement],

@@ -440,32 +440,37 @@ def test_steps_are_asked_again_where_an_effect_still_explains_what_is_left(
 ) -> None:  # fmt: skip
     """It may be too little for a name of its own, and what a step only imitates."""
     ladder, held = two
-    scores = (SimpleNamespace(p_value=p_value),)
+    scores = (SimpleNamespace(name="drift", p_value=p_value),)
     monkeypatch.setattr(module, "scored", lambda *_: (scores, ()))
     way = module._Climb(ladder.baseline, (), held, [], lambda _: None, 1)
     way.reconsidered(module._Stand(ladder.final, None, (), ladder.steps))
     assert [options["beyond"] for options in exchanges] == asked
 
 
-@pytest.mark.parametrize(("base", "asked"), [(MOVING, []), (STILL, [True])])
-def test_a_lone_step_is_asked_again_where_it_brought_mechanics(
+@pytest.mark.parametrize(
+    ("base", "steps", "last"), [(MOVING, 1, True), (MOVING, 2, False), (STILL, 2, True)]
+)
+def test_the_last_step_is_asked_again_where_it_is_alone_or_has_other_mechanics(
     two: tuple[Ladder, HeldOut], exchanges: list[dict[str, Any]],
-    monkeypatch: pytest.MonkeyPatch, base: po.Model, asked: list[bool],
+    monkeypatch: pytest.MonkeyPatch, base: po.Model, steps: int, last: bool,
 ) -> None:  # fmt: skip
-    """The others had none to be compared with."""
+    """A lone one may stand for an effect that explained nothing at the foot: it is asked too."""
     ladder, held = two
-    scores = (SimpleNamespace(p_value=0.0),)
+    scores = (
+        SimpleNamespace(name="drift", p_value=0.0), SimpleNamespace(name="delay", p_value=0.1),
+    )  # fmt: skip
     monkeypatch.setattr(module, "scored", lambda *_: (scores, ()))
     foot: Any = SimpleNamespace(model=base)
     way = module._Climb(foot, (), held, [], lambda _: None, 1)
-    way.reconsidered(module._Stand(ladder.final, None, (), ladder.steps[:1]))
-    assert [options["last"] for options in exchanges] == asked
+    way.reconsidered(module._Stand(ladder.final, None, (), ladder.steps[:steps]))
+    assert [(options["last"], options["also"]) for options in exchanges] == [(last, {"drift"})]
 
 
-@pytest.mark.parametrize(("quiet", "asked"), [(True, 1), (False, 0)])
-def test_steps_are_asked_again_at_the_end_where_nothing_is_left_to_win(
-    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, quiet: bool, asked: int
+@pytest.mark.parametrize("quiet", [True, False])
+def test_steps_are_asked_again_at_the_end(
+    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, quiet: bool
 ) -> None:
+    """Whether or not anything is left to win."""
     ladder, held = two
     seen: list[Any] = []
     taken: Any = (SimpleNamespace(suspect=True), None, ())
@@ -485,7 +490,7 @@ def test_steps_are_asked_again_at_the_end_where_nothing_is_left_to_win(
     monkeypatch.setattr(module._Climb, "grouped", lambda _, at: at)
     monkeypatch.setattr(module._Climb, "reconsidered", reconsidered)
     climb(ladder.baseline, held, [])
-    assert len(seen) == asked
+    assert len(seen) == 1
 
 
 def test_what_joined_beside_an_effect_is_told() -> None:

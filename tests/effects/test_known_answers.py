@@ -785,6 +785,48 @@ def test_mains_pickup_is_a_sine_of_the_record_s_time() -> None:
     )
 
 
+def test_the_mains_of_a_country_and_the_laser_of_a_sensor_are_options() -> None:
+    time = np.linspace(0, 0.1, 401)
+    swing = np.cos(9 * time)
+    hum = {"mains_pickup.a": 3e-9, "mains_pickup.phi": 0.5}
+    american, _ = respond(PiezoGain() + MainsPickup(mains=60.0), time, swing, hum)
+    named, _ = respond(PiezoGain() + MainsPickup(), time, swing, {**hum, "mains_pickup.f": 60.0})
+    np.testing.assert_array_equal(american, named)
+    error = {"sensor_nonlinearity.a": 3e-9, "sensor_nonlinearity.phi": 0.5}
+    fibre, _ = respond(PiezoGain() + SensorNonlinearity(laser=1.55e-6), time, swing, error)
+    angle = 4.0 * np.pi * GAIN * swing / 1.55e-6 + 0.5
+    np.testing.assert_allclose(fibre - GAIN * swing, 3e-9 * np.sin(angle), atol=1e-18)
+    # One program serves them all.
+    recipes = {
+        assemble(PiezoGain() + SensorNonlinearity(**one)).recipe
+        for one in SensorNonlinearity.variants
+    }
+    assert len(recipes) == 1
+    assert len(SensorNonlinearity.variants) == 3
+
+
+@pytest.mark.parametrize("mains", [0.5, 2e4, "60", None, float("nan")])
+def test_a_senseless_option_is_refused(mains: object) -> None:
+    with pytest.raises(
+        po.ModelError,
+        match=r"mains_pickup: the option 'mains' is .*; give the mains frequency as a number "
+        r"from 1 to 10000 1/s\.",
+    ):
+        MainsPickup(mains)  # type: ignore[arg-type]
+
+
+def test_the_elements_of_creep_may_stand_closer_together() -> None:
+    time = np.linspace(0.0, 5.0, 501)
+    drive = 100.0 * np.minimum(1.0, time / 0.01)
+    own = {"creep.c": 1e-6, "creep.tau": 0.05, "creep.spread": 0.5}
+    reading, _ = respond(PiezoGain() + Creep(3), time, drive, own, 1e-2)
+    late = time > 0.1
+    since, end = time[late, None] - 0.005, GAIN * 100.0
+    chain = 1.0 - np.exp(-since / (0.05 * 10.0 ** (0.5 * np.arange(3))))
+    expected = end * 1e-6 * chain.mean(axis=1)
+    np.testing.assert_allclose(reading[late] - end, expected, rtol=0, atol=1e-3 * 1e-6 * end)
+
+
 def test_backlash_loses_its_width_at_every_turn() -> None:
     time, drive = wander()
     reading, _ = respond(PiezoGain() + Backlash(), time, drive, {"backlash.w": 4e-7}, 1.0)

@@ -38,7 +38,7 @@ class SlewLimit(Effect):
     )
     tau = Parameter(
         "s", "recovery time after the limit", nominal=1e-3, bounds=(1e-7, 0.1),
-        typical=(1e-4, 1e-2),
+        typical=(1e-4, 1e-2), coarse=True,
     )  # fmt: skip
     softness = Parameter(
         "1", "width of the corners over the rate", nominal=0.2, bounds=(1e-3, 1.0),

@@ -17,14 +17,17 @@ class MainsPickup(Effect):
 
         y = x + a [sin p + s2 sin 2p + c2 cos 2p + s3 sin 3p + c3 cos 3p],   p = 2 pi f t + phi
 
-    f is kept at 50 Hz unless set (60 Hz) or freed, the harmonics at 0 unless freed. A negative
-    amplitude is the opposite phase: a fit that starts at 0 can leave in either direction.
+    f is kept at the mains' nominal frequency unless freed, the harmonics at 0 unless freed: 50 Hz,
+    or ``MainsPickup(mains=60.0)``; a diagnosis asks for both. A negative amplitude is the opposite
+    phase: a fit that starts at 0 can leave in either direction.
 
     References: Ott (2009), Electromagnetic Compatibility Engineering, Wiley (coupling of mains
     fields into cables, ground loops).
     """
 
     place = Place.OUTPUT
+    variants = ({"mains": 50.0}, {"mains": 60.0})
+    mains: float = 50.0
     a = Parameter(
         "m", "amplitude", nominal=0.0, bounds=(-1e-2, 1e-2), typical=(-1e-8, 1e-8), null=0.0
     )
@@ -34,7 +37,7 @@ class MainsPickup(Effect):
     )  # fmt: skip
     f = Parameter(
         "1/s", "mains frequency", nominal=50.0, bounds=(1.0, 1e4), typical=(49.5, 60.5), fixed=True,
-        detail=True,
+        detail=True, given="mains",
     )  # fmt: skip
     s2 = harmonic("second harmonic, sine")
     c2 = harmonic("second harmonic, cosine")

@@ -19,12 +19,13 @@ _DENSE = 7
 class Creep(Effect):
     """Slow strain that follows the free displacement through a Kelvin-Voigt chain.
 
-        tau_i z_i' = s - z_i,   tau_i = tau 10^((i-1)/m),   i = 1..k
+        tau_i z_i' = s - z_i,   tau_i = tau 10^(spread (i-1)/m),   i = 1..k
         s += c (w_1 z_1 + ... + w_k z_k),   w_i = 10^(power i/m) / sum_j 10^(power j/m)
 
     One element a decade (m = per_decade = 1) with equal weights approximates logarithmic creep,
     L(t) = L0 (1 + g lg(t / 0.1 s)); power, kept at 0 unless freed, is the exponent of fractional
-    creep, t^power. Two a decade leave no ripple that a record could show. The weight stands at the
+    creep, t^power; spread, kept at 1 unless freed, brings the elements closer together or further
+    apart. Two a decade leave no ripple that a record could show. The weight stands at the
     sum and not at the elements' input, so that creep vanishes with c even where a record begins
     with elements away from rest.
 
@@ -49,6 +50,11 @@ class Creep(Effect):
         typical=(-0.3, 0.3), fixed=True, detail=True,
     )  # fmt: skip
 
+    spread = Parameter(
+        "1", "distance of the elements over that of their number a decade", nominal=1.0,
+        bounds=(0.1, 3.0), typical=(0.3, 1.7), fixed=True, detail=True,
+    )  # fmt: skip
+
     def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
         """Two elements a decade over the same decades and half a one on either side."""
         if self.per_decade > 1:
@@ -60,7 +66,8 @@ class Creep(Effect):
         """Contribution to the free displacement; each element relaxes towards it."""
         decades = [i / self.per_decade for i in range(self.elements)]
         rates = [
-            (chain.free.value - x.z[i]) / (p.tau * 10.0**decade) for i, decade in enumerate(decades)
+            (chain.free.value - x.z[i]) / (p.tau * exp(p.spread * (decade * log(10.0))))
+            for i, decade in enumerate(decades)
         ]
         weights = [exp(p.power * (decade * log(10.0))) for decade in decades]
         sum_of = sum(w * x.z[i] for i, w in enumerate(weights)) / sum(weights)
