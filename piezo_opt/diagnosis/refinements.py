@@ -117,16 +117,16 @@ def plausible(rung: Rung) -> bool:
     """Whether mechanics that joined show a resonance, and what was freed found a value.
 
     A lag in the guise of mechanics is none, nor a phase where the drive shakes nothing; a loop
-    whose exponent runs to its bound imitates something else. Beside an effect that was scored on
-    mechanics the rise towards a resonance is enough.
+    whose exponent runs to its bound imitates something else. Of mechanics on which an effect was
+    scored the rise towards a resonance is enough.
     """
     freed = rung.trial.refines
     at_bound = rung.suspect is None and set(freed) & set(rung.fit.at_bound)
+    mechanics = [name for name, effect in rung.fit.model if isinstance(effect, SecondOrder)]
     return not at_bound and all(
-        _resonates(rung.fit, name)
-        or (rung.suspect and name in rung.suspect.base.model and _rises(rung.fit, name))
-        for name, effect in rung.fit.model
-        if name in freed and isinstance(effect, SecondOrder)
+        _resonates(rung.fit, name) or (name not in freed and _rises(rung.fit, name))
+        for name in mechanics
+        if name in (*freed, *rung.trial.ground)
     )
 
 

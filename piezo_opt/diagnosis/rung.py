@@ -49,12 +49,14 @@ class Trial:
         start: values to begin at.
         suspect: the effect that is added; None for a refinement of what the model has.
         refines: what a refinement frees or adds, by name.
+        ground: what joins because the suspect was scored on it: mechanics, or a spring.
     """
 
     question: Identification
     start: Mapping[str, float]
     suspect: Suspect | None = None
     refines: tuple[str, ...] = ()
+    ground: tuple[str, ...] = ()
 
 
 @final
@@ -97,7 +99,7 @@ def adding(below: Fit, suspect: Suspect) -> Trial:
         **{f"{name}.{k}": v for k, v in suspect.shapes.items()},
         f"{name}.{suspect.effect.gate}": size,
     }
-    return Trial(fit.question.with_model(model), start, suspect, joined)
+    return Trial(fit.question.with_model(model), start, suspect, ground=joined)
 
 
 def solved(question: Identification, start: Mapping[str, float], iterations: int = 40) -> Fit:

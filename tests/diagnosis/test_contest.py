@@ -118,16 +118,16 @@ def test_mechanics_that_an_effect_was_scored_on_are_looked_at_too(
     ground = fitted(MOVING, fit.records[0])
     (suspect,), _ = score(BasePoint(ground), [ChargeBackCoupling()])
     trial = adding(fit, suspect)
-    assert trial.refines == ("second_order",)
-    assert adding(ground, suspect).refines == ()
+    assert trial.ground == ("second_order",)
+    assert adding(ground, suspect).ground == ()
     start = {**trial.start, "second_order.omega": 100.0}
     monkeypatch.setattr(refining, "_resonates", lambda *_: False)
     for zeta, rises in ((1.0, False), (0.4, False), (0.2, True)):
         question = replace(trial.question, fixed={"second_order.zeta": zeta})
         rung = Rung(trial, solved(question, {**start, "second_order.zeta": zeta}, 1), 1.0)
         assert plausible(rung) is rises
-        # Alone they need more than a rise.
-        assert not plausible(replace(rung, trial=replace(trial, suspect=None)))
+        # Where they join of themselves a rise is not enough.
+        assert not plausible(replace(rung, trial=replace(trial, refines=trial.ground)))
 
 
 TRUTH_OF = {n: v for n, v in TRUTH.items() if n in STILL.parameters}
