@@ -815,18 +815,6 @@ def test_a_senseless_option_is_refused(mains: object) -> None:
         MainsPickup(mains)  # type: ignore[arg-type]
 
 
-def test_the_elements_of_creep_may_stand_closer_together() -> None:
-    time = np.linspace(0.0, 5.0, 501)
-    drive = 100.0 * np.minimum(1.0, time / 0.01)
-    own = {"creep.c": 1e-6, "creep.tau": 0.05, "creep.spread": 0.5}
-    reading, _ = respond(PiezoGain() + Creep(3), time, drive, own, 1e-2)
-    late = time > 0.1
-    since, end = time[late, None] - 0.005, GAIN * 100.0
-    chain = 1.0 - np.exp(-since / (0.05 * 10.0 ** (0.5 * np.arange(3))))
-    expected = end * 1e-6 * chain.mean(axis=1)
-    np.testing.assert_allclose(reading[late] - end, expected, rtol=0, atol=1e-3 * 1e-6 * end)
-
-
 def test_backlash_loses_its_width_at_every_turn() -> None:
     time, drive = wander()
     reading, _ = respond(PiezoGain() + Backlash(), time, drive, {"backlash.w": 4e-7}, 1.0)
