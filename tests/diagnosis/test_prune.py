@@ -10,7 +10,7 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis import prune as module
-from piezo_opt.diagnosis.held_out import error_on, hold_out, rms
+from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
 from piezo_opt.diagnosis.prune import prune
 from piezo_opt.diagnosis.rung import STRONG, WORTH
 from piezo_opt.diagnosis.steps import Step
@@ -87,12 +87,10 @@ def test_without_a_name_the_model_keeps_the_details_it_was_given() -> None:
     assert "bouc_wen.n" in fit.question.free
 
 
-@pytest.mark.parametrize("last", [False, True])
-def test_the_last_step_is_asked_where_the_model_has_changed_since(last: bool) -> None:
-    """A bent calibration beside a bent gain: the second explains nothing that is left."""
+def bent(k2: float) -> tuple[po.Fit, list[Step], HeldOut]:
+    """A bent gain, fitted, with a bent calibration beside it that explains nothing that is left."""
     time = clock(2000)
-    bent = NonlinearGain(), {"k2": 3e-11}
-    record = measured(MOVING, time, rich(time), bent)
+    record = measured(MOVING, time, rich(time), (NonlinearGain(), {"k2": k2}))
     held = hold_out(po.Identification(MOVING, record), None)
     train = held.question.campaign.records[0]
     foot = po.solve(po.Identification(MOVING, train), start=TRUTH)
@@ -101,6 +99,12 @@ def test_the_last_step_is_asked_where_the_model_has_changed_since(last: bool) ->
         po.Identification(MOVING + NonlinearGain() + SensorCurvature(), train), start=one.values
     )
     steps = [step(NonlinearGain(), foot, one), step(SensorCurvature(), one, two)]
+    return two, steps, held
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_the_last_step_is_asked_where_the_model_has_changed_since(last: bool) -> None:
+    two, steps, held = bent(3e-11)
     # The first is not spared by the second here; what is asked is whether the last one is.
     _, kept, _ = prune(two, steps[1:], held, threads=2, last=last)
     assert [s.name for s in kept] == ([] if last else ["sensor_curvature"])
@@ -111,20 +115,11 @@ def test_of_two_that_can_do_without_each_other_whoever_explains_less_goes() -> N
 
     Which of the two was found first says nothing.
     """
-    time = clock(2000)
-    record = measured(MOVING, time, rich(time), (NonlinearGain(), {"k2": 1e-11}))
-    held = hold_out(po.Identification(MOVING, record), None)
-    train = held.question.campaign.records[0]
-    foot = po.solve(po.Identification(MOVING, train), start=TRUTH)
-    one = po.solve(po.Identification(MOVING + NonlinearGain(), train), start=foot.values)
-    two = po.solve(
-        po.Identification(MOVING + NonlinearGain() + SensorCurvature(), train), start=one.values
-    )
+    two, steps, held = bent(1e-11)
     for name in ("nonlinear_gain", "sensor_curvature"):
         least = module._without(two, name, held, 2)
         assert least is not None
         assert module._spare(least, two, held)
-    steps = [step(NonlinearGain(), foot, one), step(SensorCurvature(), one, two)]
     for found in (steps, steps[::-1]):
         fit, kept, dropped = prune(two, found, held, threads=2, last=True)
         assert dropped == ["sensor_curvature"]

@@ -464,16 +464,17 @@ def test_creep_goes_to_its_share() -> None:
     np.testing.assert_allclose(reading[after], expected, rtol=0, atol=3e-4 * 0.05 * end)
 
 
-def test_creep_has_one_element_a_decade() -> None:
+@pytest.mark.parametrize(("spread", "taus"), [(1.0, [0.05, 0.5, 5.0]), (0.5, [0.05, 0.1581, 0.5])])
+def test_creep_has_one_element_a_decade(spread: float, taus: list[float]) -> None:
+    """Or in a share of one."""
     time = np.linspace(0.0, 5.0, 501)
     drive = 100.0 * np.minimum(1.0, time / 0.01)
-    reading, _ = respond(
-        PiezoGain() + Creep(3), time, drive, {"creep.c": 1e-6, "creep.tau": 0.05}, 1e-2
-    )
+    own = {"creep.c": 1e-6, "creep.tau": 0.05, "creep.spread": spread}
+    reading, _ = respond(PiezoGain() + Creep(3), time, drive, own, 1e-2)
     late = time > 0.1
     # So little creep does not feed back; the ramp acts as a step in its middle.
     since = time[late, None] - 0.005
-    grown = (1.0 - np.exp(-since / np.array([0.05, 0.5, 5.0]))).mean(axis=1)
+    grown = (1.0 - np.exp(-since / np.array(taus))).mean(axis=1)
     crept = (reading - GAIN * drive)[late] / (1e-6 * GAIN * 100.0)
     np.testing.assert_allclose(crept, grown, rtol=0, atol=1e-3)
 
