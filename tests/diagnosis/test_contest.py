@@ -471,6 +471,7 @@ def test_a_contender_has_a_second_start_where_its_shapes_may_be_elsewhere(
     first, second = (start["friction.z0"] for start in starts)
     assert not 1.0 / 3.0 < first / second < 3.0
     assert joint_start(fit.question.with_model(MOVING + Friction()), "friction") == starts[0]
+    assert joint_starts(fit.question.with_model(MOVING + Friction()), "friction", 2) == starts
     stuck = Rung(trial, solved(trial.question, {**trial.start, "friction.z0": 1.0}, 1), 0.0)
     wrong = {**trial.start, "friction.F": 1e-3, "friction.z0": 1.0}
     right = {**trial.start, **{f"friction.{k}": v for k, v in law.items()}}
