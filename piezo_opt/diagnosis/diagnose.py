@@ -118,8 +118,9 @@ class Diagnosis:
         judged = bool(self.invisible) or any(e.detectable for e in self.experiments)
         if blind and not judged:
             sentences.append(
-                f"This record could not have shown {', '.join(blind)}: their effect is hidden "
-                "behind the fitted parameters."
+                f"This record could not have shown {', '.join(blind)}: what "
+                f"{'it does' if len(blind) == 1 else 'they do'} is hidden behind the fitted "
+                "parameters."
             )
         sentences += [experiment.sentence for experiment in self.experiments]
         if self.invisible:

@@ -274,6 +274,10 @@ def test_the_hum_of_another_country_and_another_laser_are_named() -> None:
     found = po.diagnose(fitted(STILL, train), advise=False, rivals=False)
     assert [step.effect for step in found.steps] == [MainsPickup(mains=60.0)]
     assert found.final.rms == pytest.approx(NOISE, rel=0.05)
+    assert found.advice[0] == (
+        "This record could not have shown load: what it does is hidden behind the fitted "
+        "parameters."
+    )
     train = measured(STILL, TIME, rich(TIME), (SensorNonlinearity(laser=1.55e-6), {"a": 4e-8}))
     found = po.diagnose(fitted(STILL, train), advise=False, rivals=False)
     assert [step.effect for step in found.steps] == [SensorNonlinearity(laser=1.55e-6)]
