@@ -50,7 +50,7 @@ def tolerance() -> Mapping[str, float]:
 def rivals(diagnosis: po.Diagnosis) -> Mapping[str, tuple[float, float]]:
     """Error [m] after refitting with each rival alone, and by how much BIC falls."""
     suspects = {s.name: s for s in diagnosis.suspects}
-    trials = {name: adding(suspects[name]) for name in RIVALS}
+    trials = {name: adding(diagnosis.fit, suspects[name]) for name in RIVALS}
     fits = {name: solved(trial.question, trial.start, 100) for name, trial in trials.items()}
     return {name: (fit.rms, bic_gain(diagnosis.fit, fit)) for name, fit in fits.items()}
 

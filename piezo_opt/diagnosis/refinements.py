@@ -90,10 +90,12 @@ def with_base_details(trial: Trial) -> Trial:
 
 
 def lean(fit: Fit, rung: Rung) -> Rung:
-    """A rung without the details of the base model that it does not pay for."""
+    """A rung without the details that it does not pay for, of the base model or of its effect."""
+    own = () if rung.suspect is None else rung.suspect.name
     spare = [
         k for k in rung.fit.question.free
-        if k not in fit.question.free and rung.fit.model[k.split(".")[0]].structural
+        if k not in fit.question.free
+        and (rung.fit.model[k.split(".")[0]].structural or k.split(".")[0] == own)
     ]  # fmt: skip
     for name in spare:
         question = rung.fit.question

@@ -238,7 +238,7 @@ def test_typical_ranges_lie_within_the_bounds_and_bounds_are_finite(kind: type[E
 
 @pytest.mark.parametrize("kind", CATALOGUE.values(), ids=label)
 def test_a_model_survives_json(kind: type[Effect]) -> None:
-    effect = kind(**{name: size + 1 for name, size in kind().options.items()})
+    effect = kind(**{name: 2 * size or True for name, size in kind().options.items()})
     model = Model.of(effect) + NonlinearGain() + NonlinearGain()
     again = model_from_dict(json.loads(json.dumps(model.to_dict())))
     assert again == model
