@@ -291,6 +291,25 @@ def test_a_detail_that_was_freed_in_vain_is_fixed_again() -> None:
     assert counted.delta_bic - 500.0 == pytest.approx(slim.delta_bic - rung.delta_bic)
 
 
+def test_an_effect_keeps_the_details_that_it_pays_for() -> None:
+    """Weights that grow are worth their number, elements closer together are worth nothing."""
+    time = clock(4000)
+    creep = Creep(elements=3), {"c": 0.06, "tau": 0.02, "power": 0.6}
+    fit = fitted(STILL, measured(STILL, time, rich(time), creep))
+    (suspect,), _ = score(BasePoint(fit), [Creep(elements=3)])
+    plain = adding(fit, suspect)
+    question = replace(plain.question, free=("creep.power", "creep.spread"))
+    freed = solved(question, {**plain.start, "creep.power": 0.1, "creep.spread": 1.05})
+    slim = lean(fit, Rung(replace(plain, question=question), freed, bic_gain(fit, freed)))
+    assert slim.fit.question.free == ("creep.power",)
+    assert slim.fit.values["creep.spread"] == 1.0
+    assert slim.fit.values["creep.power"] == pytest.approx(0.6, rel=0.2)
+    assert slim.fit.rms == pytest.approx(NOISE, rel=0.05)
+    # Details of an effect that was there before are not its own to drop.
+    other = replace(plain, question=question, suspect=None)
+    assert lean(fit, Rung(other, freed, 0.0)).fit is freed
+
+
 def test_everybody_enters_beside_a_base_that_has_forgotten() -> None:
     time = clock(2000)
     creep = Creep(elements=1), {"c": 0.03, "tau": 0.1}
