@@ -91,7 +91,7 @@ def with_base_details(trial: Trial) -> Trial:
 
 def lean(fit: Fit, rung: Rung) -> Rung:
     """A rung without the details that it does not pay for, of the base model or of its effect."""
-    own = () if rung.suspect is None else rung.suspect.name
+    own = "" if rung.suspect is None else rung.suspect.name
     spare = [
         k for k in rung.fit.question.free
         if k not in fit.question.free

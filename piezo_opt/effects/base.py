@@ -261,9 +261,10 @@ class Effect(ABC):
                     f"{self.name}: the number of elements of '{name}' is {size!r}; give a whole "
                     f"number from 1 to {_LARGEST}."
                 )
-        for p in self._parameters.values():
-            given, (low, high) = getattr(self, p.given) if p.given else p.nominal, p.bounds
-            if not isinstance(given, (int, float)) or not low <= given <= high:
+        for p in (p for p in self._parameters.values() if p.given):
+            given, (low, high) = getattr(self, p.given), p.bounds
+            number = isinstance(given, (int, float)) and not isinstance(given, bool)
+            if not number or not low <= given <= high:
                 raise ModelError(
                     f"{self.name}: the option '{p.given}' is {given!r}; give the {p.meaning} as a "
                     f"number from {low:g} to {high:g} {p.unit}."

@@ -806,7 +806,7 @@ def test_the_mains_of_a_country_and_the_laser_of_a_sensor_are_options() -> None:
     assert len(SensorNonlinearity.variants) == 3
 
 
-@pytest.mark.parametrize("mains", [0.5, 2e4, "60", None, float("nan")])
+@pytest.mark.parametrize("mains", [0.5, 2e4, True, "60", None, float("nan")])
 def test_a_senseless_option_is_refused(mains: object) -> None:
     with pytest.raises(
         po.ModelError,
