@@ -96,7 +96,7 @@ def refits(
         lost = doubtful or closest.rms > _LOST * floor
         tell(f"{_refitting(more)}{', and all from a fresh start' if lost else ''}")
         bent = [with_base_details(adding(fit, s)) for s in more]
-        fresh = entrants(fit, held.question, suspects) if lost else []
+        fresh = entrants(fit, held.question, suspects, threads) if lost else []
         if not first:
             fresh = [with_base_details(trial) for trial in fresh]
         rungs += race(fit, [*bent, *fresh], threads)

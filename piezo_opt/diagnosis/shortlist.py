@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 from piezo_opt.diagnosis.base_point import BasePoint, base_point
@@ -16,6 +16,7 @@ from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.starting import starting_values
+from piezo_opt.values import Values
 
 _TELLING = 0.02
 """Score worth a refit where a suspect need not be significant."""
@@ -70,7 +71,9 @@ def further(suspects: Sequence[Suspect], short: Sequence[Suspect]) -> list[Suspe
     return [s for s in likeliest if s.score > _TELLING][:_UNSURE]
 
 
-def entrants(fit: Fit, given: Identification, suspects: Sequence[Suspect]) -> list[Trial]:
+def entrants(
+    fit: Fit, given: Identification, suspects: Sequence[Suspect], threads: int
+) -> list[Trial]:
     """Every suspect beside a base model that has not been bent to do without it.
 
     A fit that lacks an effect may have run far away to imitate it (a loop so wide that it drifts):
@@ -81,10 +84,29 @@ def entrants(fit: Fit, given: Identification, suspects: Sequence[Suspect]) -> li
         fit: the fit below.
         given: the question at the foot of the ladder.
         suspects: who may enter; each form of an effect is one.
+        threads: searches for a start that run at a time.
     """
-    found = []
-    for suspect in suspects:
-        trial = beside(fit, given, suspect)[0]
-        with suppress(*NO_FIT):
-            found.append(replace(trial, start=starting_values(trial.question, Monitor(()))))
-    return found
+    trials = [beside(fit, given, suspect)[0] for suspect in suspects]
+    # What they stand beside is the same, but for mechanics that some of them need.
+    bases: dict[tuple[str, ...], Values | None] = {}
+    for trial in trials:
+        model = trial.question.model
+        below = model.without(model.names[-1])
+        if below.names not in bases:
+            bases[below.names] = _begun(trial.question.with_model(below), None)
+
+    def placed(trial: Trial) -> Trial | None:
+        base = bases[trial.question.model.names[:-1]]
+        start = None if base is None else _begun(trial.question, base)
+        return None if start is None else replace(trial, start=start)
+
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        return [trial for trial in pool.map(placed, trials) if trial is not None]
+
+
+def _begun(question: Identification, base: Values | None) -> Values | None:
+    """Where a first fit would begin; None where nothing there can be simulated."""
+    try:
+        return starting_values(question, Monitor(()), base)
+    except NO_FIT:
+        return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -138,11 +139,12 @@ class Objective:
         residual, and by far more than they were chosen for.
         """
         strayed = False
-        rms = self.rms(self.residual(theta))
+        readings = self.readings(theta)
+        rms = self.rms(self._residual(readings, theta))
         for i, simulator in enumerate(self.simulators):
             theta_i = self.unknowns.of_record(i, theta)
             span = float(np.ptp(self.question.campaign.records[i].position))
-            change = simulator.halving(theta_i)
+            change = simulator.halving(theta_i, readings[i])
             if not change <= max(_STRAYED * rms, _BEYOND * TOLERANCE * span):
                 most = ENOUGH_A_SAMPLE * self.counted[i].size
                 simulator.accuracy = simulator.choose(theta_i, most=most)
@@ -156,10 +158,13 @@ class Objective:
 
     def residual(self, theta: FloatArray) -> FloatArray:
         """Residuals at a point, as in :class:`Linearised`."""
+        return self._residual(self.readings(theta), theta)
+
+    def _residual(self, readings: Sequence[FloatArray], theta: FloatArray) -> FloatArray:
         parts = [
             self._root_weights[i] * (reading - record.position)[self.counted[i]]
             for i, (reading, record) in enumerate(
-                zip(self.readings(theta), self.question.campaign.records, strict=True)
+                zip(readings, self.question.campaign.records, strict=True)
             )
         ]
         return np.concatenate([*parts, self._prior_rows(theta)])

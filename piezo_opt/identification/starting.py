@@ -9,7 +9,7 @@ and whose candidates come from the spectrum.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import final
@@ -56,8 +56,15 @@ class _Trial:
     theta: FloatArray
 
 
-def starting_values(question: Identification, monitor: Monitor) -> Values:
+def starting_values(
+    question: Identification, monitor: Monitor, base: Mapping[str, float] | None = None
+) -> Values:
     """A value for every parameter: the user's own where given, found from the records elsewhere.
+
+    Args:
+        question: what is asked.
+        monitor: counts the simulations.
+        base: values found before of the same question without its optional effects.
 
     Raises:
         InputError, ModelError: as the simulation does.
@@ -71,7 +78,6 @@ def starting_values(question: Identification, monitor: Monitor) -> Values:
     given = set(question.values) | set(question.fixed)
     settled = {k for k, p in declared.items() if p.fixed and k not in question.free} | given
     gain, offset = straight_line(record)
-    swing = float(np.ptp(record.drive)) or 1.0
     for name, p in declared.items():
         if name in settled:
             continue
@@ -79,20 +85,42 @@ def starting_values(question: Identification, monitor: Monitor) -> Values:
             start[name] = offset
         elif p.unit == "m/V":
             start[name] = gain
-    base = [n for n, e in model if e.structural]
+    structural = [n for n, e in model if e.structural]
     shapes = [
         n for n in declared
-        if n not in settled and n.split(".")[0] in base and declared[n].unit == "1/V"
+        if n not in settled and n.split(".")[0] in structural and declared[n].unit == "1/V"
         and declared[n].bounds[0] >= 0.0
     ]  # fmt: skip
     frequencies = [
         n for n in declared
-        if n not in settled and n.split(".")[0] in base and declared[n].unit == "rad/s"
+        if n not in settled and n.split(".")[0] in structural and declared[n].unit == "rad/s"
     ]  # fmt: skip
     gates = [name for name, gate in model.gates.items() if gate not in settled]
     if not shapes and not frequencies and not gates:
         return Values(start)
 
+    if base is None:
+        start.update(_base_start(question, start, settled, shapes, frequencies, monitor))
+    else:
+        start.update(base)
+    for name in gates:
+        start.update(_scan_gate(question, name, start, monitor))
+    return Values(start)
+
+
+def _base_start(
+    question: Identification,
+    begin: Mapping[str, float],
+    settled: Collection[str],
+    shapes: Sequence[str],
+    frequencies: Sequence[str],
+    monitor: Monitor,
+) -> dict[str, float]:
+    """The start with the structural effects' gains, loop and resonance found from the record."""
+    start, model = dict(begin), question.model
+    declared, record = model.parameters, question.campaign.records[0]
+    gain, _ = straight_line(record)
+    swing = float(np.ptp(record.drive)) or 1.0
     # Gains that the drive multiplies are no longer gains of a line once there is a loop.
     for name in declared:
         if (
@@ -122,10 +150,7 @@ def starting_values(question: Identification, monitor: Monitor) -> Values:
         )
     else:
         best = _scan_widths(search, start, shapes, swing)
-    start.update(best)
-    for name in gates:
-        start.update(_scan_gate(question, name, start, monitor))
-    return Values(start)
+    return {**start, **best}
 
 
 def resonance_start(
@@ -352,7 +377,7 @@ class _Search:
 
 
 def _scan_widths(
-    search: _Search, start: dict[str, float], widths: list[str], swing: float
+    search: _Search, start: dict[str, float], widths: Sequence[str], swing: float
 ) -> dict[str, float]:
     """The best of a few widths and roundnesses of the loop.
 

@@ -103,6 +103,9 @@ _IN_PROPORTION = ("rad/s", "1/s^2", "m/s^2")
 """Units of natural frequencies, and of stiffnesses and forces per mass."""
 _FINEST = 2e-3
 """Share of the stroke below which a distance is as good as none, and costly to follow."""
+_NARROWEST = 3e-4
+"""Share of the drive's range within which a loop that saturates is but the sign of the rate, and
+costly to follow."""
 
 
 def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[float, float]:
@@ -111,8 +114,9 @@ def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[floa
     Time constants between a thirtieth of the sampling step and three times the duration (a longer
     one is an offset in disguise), natural frequencies between one cycle in four durations and
     nine tenths of the highest frequency that the sampling can hold, distances in which a contact
-    gives way not below a five-hundredth of the stroke. One-sided strokes per volt
-    are mirrored where the position falls as the drive rises.
+    gives way not below a five-hundredth of the stroke, loops that do not saturate within a
+    three-thousandth of the drive's range. One-sided strokes per volt are mirrored where the
+    position falls as the drive rises.
     """
     low, high = parameter.bounds
     step = min(r.step for r in records)
@@ -126,6 +130,9 @@ def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[floa
         high = min(high, 0.9 * np.pi / step)
     elif parameter.unit == "m" and low > 0 and not parameter.fixed:
         low = max(low, _FINEST * _stroke(records))
+    elif parameter.unit == "1/V" and not parameter.fixed:
+        sharpest = 1.0 / (_NARROWEST * max(float(np.ptp(r.drive)) for r in records))
+        low, high = max(low, -sharpest), min(high, sharpest)
     elif parameter.unit == "m/V" and low == 0.0 and falls(records[0]):
         low, high = -high, -low
     if not low < high:

@@ -33,6 +33,8 @@ _TRIES: Final = 32
 """Sub-steps over the first choice that are tried until a simulation is finite."""
 DIVERGED: Final = 1e100
 """What no reading and no sensitivity reaches: squares of more overflow."""
+_FAST: Final = 16.0
+"""Rate times a segment's length from which it is looked at where the drive is at rest, too."""
 _PATIENCE: Final = 3
 """Halvings without a gain before the best is taken: at first one may not reach the steep parts."""
 
@@ -90,17 +92,40 @@ def fastest_rates(
     Largest magnitudes of eigenvalues, first under a drive that stands still, then what the drive's
     slope adds. A held drive is still nearly always and very steep for a moment: one rate for both
     would cut the still part as finely as the step.
+
+    Looked at with the states at the start; where those are fast, also with the states that each
+    drive would have at rest, and the slower counts: a lagged drive that is left behind at the start
+    rushes as it never does later. Halving finds out what is too few, never what is too many.
     """
     if not system.state_names:
         return 0.0, 0.0
+    rates = _rates(system, segment, parameters, lambda _: x)
+    moves = np.abs(segment.slope) * segment.length
+    if max(rates[0] * float(segment.length.max()), rates[1] * float(moves.max())) <= _FAST:
+        return rates
+    unmoved = np.zeros(x.size)
+
+    def at_rest(i: int) -> FloatArray:
+        given = [segment.time[i], segment.drive[i], segment.channels[i], parameters, unmoved]
+        return np.array(system.start(*given), dtype=float).ravel()
+
+    departure = x - at_rest(0)
+    resting = _rates(system, segment, parameters, lambda i: at_rest(i) + departure)
+    return min(rates[0], resting[0]), min(rates[1], resting[1])
+
+
+def _rates(
+    system: System, segment: Segment, parameters: FloatArray, states: Callable[[int], FloatArray]
+) -> tuple[float, float]:
+    """Both rates where the states at the beginning of segment i are ``states(i)``."""
     jacobian = _jacobian(system)
 
     def fastest(i: int, slope: float) -> float:
         given = [
-            segment.time[i], x, segment.drive[i], slope, segment.channels[i],
+            segment.time[i], states(i), segment.drive[i], slope, segment.channels[i],
             segment.channel_slopes[i], parameters,
         ]  # fmt: skip
-        a = np.array(jacobian(*given, np.zeros(x.size))[1])
+        a = np.array(jacobian(*given))
         return float(np.abs(np.linalg.eigvals(a)).max()) if np.isfinite(a).all() else 0.0
 
     steep = np.abs(segment.slope)
@@ -118,8 +143,10 @@ def fastest_rates(
 @lru_cache(maxsize=2048)
 @one_at_a_time
 def _jacobian(system: System) -> ca.Function:
-    """Derivatives of the system's rate, built once."""
-    return system.rate.jacobian()
+    """``(t, x, u, du, c, dc, p) -> dx'/dx``, built once."""
+    rate = system.rate
+    given, moved = rate.name_in(), rate.name_out(0)
+    return rate.factory("linear", given, [f"jac:{moved}:{given[1]}"])
 
 
 def choose(

@@ -318,7 +318,7 @@ def test_everybody_enters_beside_a_base_that_has_forgotten() -> None:
     suspects, _ = score(
         BasePoint(bent), [Creep(), Creep(elements=1), Friction()], 1, BasePoint(moving(bent))
     )
-    trials = entrants(bent, po.Identification(STILL, fit.records[0]), suspects)
+    trials = entrants(bent, po.Identification(STILL, fit.records[0]), suspects, 2)
     assert [t.suspect for t in trials] == list(suspects)
     for trial in trials:
         assert trial.suspect is not None

@@ -144,6 +144,16 @@ def test_an_optional_effect_starts_away_from_its_null() -> None:
         assert low < truth[name] < high
 
 
+def test_what_is_known_of_the_base_is_not_searched_again() -> None:
+    measured, _ = ringing(60.0)
+    question = po.Identification(MOVING + Creep(), measured, start=po.Start.REST)
+    alone, beside = Monitor(()), Monitor(())
+    base = starting_values(question.with_model(MOVING), Monitor(()))
+    whole = starting_values(question, alone)
+    assert starting_values(question, beside, base) == whole
+    assert beside.evaluations.with_sensitivities < 0.6 * alone.evaluations.with_sensitivities
+
+
 def test_a_second_mode_is_found_by_what_the_first_leaves_over() -> None:
     time, drive = steps()
     model = LINE + SecondMode()

@@ -153,8 +153,19 @@ def test_a_mirrored_sensor_mirrors_one_sided_strokes_only() -> None:
     assert limits(d, (mirrored,)) == d.bounds
 
 
+def test_a_loop_does_not_saturate_within_a_three_thousandth_of_the_range() -> None:
+    beta, gamma = (BoucWen().parameters[name] for name in ("beta", "gamma"))
+    sharpest = 1.0 / (3e-4 * np.ptp(RECORD.drive))
+    assert limits(beta, (RECORD,)) == pytest.approx((0.0, sharpest))
+    assert limits(gamma, (RECORD,)) == pytest.approx((-sharpest, sharpest))
+    wider = RECORD.with_(drive=10.0 * RECORD.drive)
+    assert limits(beta, (RECORD, wider)) == pytest.approx((0.0, 0.1 * sharpest))
+    tiny = RECORD.with_(drive=1e-3 * RECORD.drive)
+    assert limits(beta, (tiny,)) == beta.bounds
+
+
 def test_other_units_keep_their_declared_bounds() -> None:
-    for effect, name in ((Drift(), "rate"), (Offset(), "y0"), (BoucWen(), "gamma")):
+    for effect, name in ((Drift(), "rate"), (Offset(), "y0"), (BoucWen(), "alpha")):
         parameter = effect.parameters[name]
         assert limits(parameter, (RECORD,)) == parameter.bounds
 
