@@ -11,6 +11,7 @@ import pytest
 from piezo_opt.diagnosis import contest, rung
 from piezo_opt.diagnosis.rung import Rung, Trial, race
 from piezo_opt.errors import ModelError
+from piezo_opt.identification import Ending
 
 BELOW: Any = SimpleNamespace(rms=2.0)
 
@@ -50,6 +51,29 @@ def test_only_those_near_the_best_are_followed_and_always_three(followed: list[f
     followed.clear()
     race(BELOW, [entering(e) for e in (9.0, 1.0, 5.0, 7.0)], 1)
     assert followed == [1.0, 5.0, 7.0]
+
+
+def test_an_interrupt_ends_more_than_the_fit_that_it_meets(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A search stops where it is and says so: nobody may go on as if it had ended."""
+    stopped: Any = SimpleNamespace(
+        question=BELOW, values={}, outcome=SimpleNamespace(ending=Ending.INTERRUPTED)
+    )
+    monkeypatch.setattr(rung, "solve", lambda *_, **__: stopped)
+    with pytest.raises(KeyboardInterrupt):
+        rung.solved(BELOW, {})
+    with pytest.raises(KeyboardInterrupt):
+        rung.finely(stopped)
+
+
+def test_a_fit_that_cannot_be_had_finely_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: Any, **__: Any) -> Any:
+        raise ModelError("too stiff")
+
+    coarse: Any = SimpleNamespace(question=BELOW, values={})
+    monkeypatch.setattr(rung, "solve", refused)
+    assert rung.finely(coarse) is coarse
 
 
 def test_who_has_converged_is_not_followed(followed: list[float]) -> None:
