@@ -46,7 +46,8 @@ _ENOUGH = 1.03
 _AS_WELL = 1.01
 """Held-out error over the best rung's up to which another one predicts as well."""
 _LOST = 2.0
-"""Error of the closest refit over the floor beyond which every effect is tried afresh."""
+"""Error of the closest refit over the floor beyond which every effect is tried afresh; and below
+it where that one misses the other record by far (``FOREIGN``)."""
 _DOUBTFUL, _NOISY = 1.3, 1.1
 """Held-out error of the closest refit over its own beyond which the same is done, where that one
 leaves no more than so many times the floor; where it leaves what may be slow noise, that of another
@@ -93,7 +94,7 @@ def refits(
         # Scores are taken at a fit that has been bent, and slow residuals leave none of them
         # significant: let refits tell.
         more = further(suspects, short)
-        lost = doubtful or closest.rms > _LOST * floor
+        lost = doubtful or closest.rms > _LOST * floor or _mispredicts(closest, held, FOREIGN)
         tell(f"{_refitting(more)}{', and all from a fresh start' if lost else ''}")
         bent = [with_base_details(adding(fit, s)) for s in more]
         fresh = entrants(fit, held.question, suspects, threads) if lost else []

@@ -336,6 +336,30 @@ def test_who_explains_one_record_and_not_the_other_has_every_effect_asked(
 
 @pytest.mark.usefixtures("unit_noise")
 @pytest.mark.parametrize(
+    ("error", "elsewhere", "fresh"),
+    [(1.9, 1.9, False), (2.1, 2.1, True), (1.9, 5.6, False), (1.9, 5.8, True)],
+)
+def test_where_the_closest_is_far_from_noise_or_from_the_other_record_all_begin_afresh(
+    error: float, elsewhere: float, fresh: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mount and friction had imitated a warm-up to 1.9 times the noise, and 9 elsewhere."""
+    asked: list[object] = []
+    near = effect("bent", error, elsewhere)
+    monkeypatch.setattr(choice, "refinements", lambda _: [near.trial])
+    monkeypatch.setattr(choice, "race", lambda *_: [near])
+    monkeypatch.setattr(choice, "settled", lambda _: False)
+    monkeypatch.setattr(choice, "_unsettled", lambda *_, **__: True)
+    monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
+    monkeypatch.setattr(choice, "entrants", lambda *given: asked.append(given[2]) or [])
+    monkeypatch.setattr(choice, "contest", lambda _, rungs, *__, **___: rungs)
+    everybody = (suspect("drift"),)
+    everybody[0].score = 0.0
+    choice.refits(fit(9.0), JUDGED, everybody, first=True, bar=-1.0, tell=lambda _: None, threads=1)
+    assert asked == ([everybody] if fresh else [])
+
+
+@pytest.mark.usefixtures("unit_noise")
+@pytest.mark.parametrize(
     ("error", "elsewhere", "afresh"),
     [
         (1.0, 1.29, False), (1.0, 1.31, True), (1.09, 1.5, True), (1.11, 1.5, False),
