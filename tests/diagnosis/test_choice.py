@@ -302,6 +302,30 @@ def test_groups_are_told_again_where_but_noise_is_left(
     assert bool(asked) is told
 
 
+def all_afresh(
+    monkeypatch: pytest.MonkeyPatch, near: Rung, *, calm: bool = False, left: bool = False
+) -> bool:
+    """Whether every effect begins afresh where this is the closest refit.
+
+    Args:
+        calm: whether it leaves what may be noise.
+        left: whether the fit below it leaves structure.
+    """
+    asked: list[object] = []
+    monkeypatch.setattr(choice, "refinements", lambda _: [near.trial])
+    monkeypatch.setattr(choice, "race", lambda *_: [near])
+    monkeypatch.setattr(choice, "settled", lambda _: calm)
+    monkeypatch.setattr(choice, "_unsettled", lambda *_, **__: left)
+    monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
+    monkeypatch.setattr(choice, "entrants", lambda *given: asked.append(given[2]) or [])
+    monkeypatch.setattr(choice, "contest", lambda _, rungs, *__, **___: rungs)
+    everybody = (suspect("drift"),)
+    everybody[0].score = 0.0
+    choice.refits(fit(9.0), JUDGED, everybody, first=True, bar=-1.0, tell=lambda _: None, threads=1)
+    assert asked in ([], [everybody])
+    return bool(asked)
+
+
 @pytest.mark.usefixtures("unit_noise")
 @pytest.mark.parametrize(
     ("error", "elsewhere", "calm", "asked_again"),
@@ -319,19 +343,8 @@ def test_who_explains_one_record_and_not_the_other_has_every_effect_asked(
 
     Where it leaves what may be slow noise the other record must be missed by more.
     """
-    asked: list[object] = []
     near = effect("bent", error, elsewhere)
-    monkeypatch.setattr(choice, "refinements", lambda _: [near.trial])
-    monkeypatch.setattr(choice, "race", lambda *_: [near])
-    monkeypatch.setattr(choice, "settled", lambda _: calm)
-    monkeypatch.setattr(choice, "_unsettled", lambda *_, **__: False)
-    monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
-    monkeypatch.setattr(choice, "entrants", lambda *given: asked.append(given[2]) or [])
-    monkeypatch.setattr(choice, "contest", lambda _, rungs, *__, **___: rungs)
-    everybody = (suspect("drift"),)
-    everybody[0].score = 0.0
-    choice.refits(fit(9.0), JUDGED, everybody, first=True, bar=-1.0, tell=lambda _: None, threads=1)
-    assert asked == ([everybody] if asked_again else [])
+    assert all_afresh(monkeypatch, near, calm=calm) is asked_again
 
 
 @pytest.mark.usefixtures("unit_noise")
@@ -343,19 +356,7 @@ def test_where_the_closest_is_far_from_noise_or_from_the_other_record_all_begin_
     error: float, elsewhere: float, fresh: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A mount and friction had imitated a warm-up to 1.9 times the noise, and 9 elsewhere."""
-    asked: list[object] = []
-    near = effect("bent", error, elsewhere)
-    monkeypatch.setattr(choice, "refinements", lambda _: [near.trial])
-    monkeypatch.setattr(choice, "race", lambda *_: [near])
-    monkeypatch.setattr(choice, "settled", lambda _: False)
-    monkeypatch.setattr(choice, "_unsettled", lambda *_, **__: True)
-    monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
-    monkeypatch.setattr(choice, "entrants", lambda *given: asked.append(given[2]) or [])
-    monkeypatch.setattr(choice, "contest", lambda _, rungs, *__, **___: rungs)
-    everybody = (suspect("drift"),)
-    everybody[0].score = 0.0
-    choice.refits(fit(9.0), JUDGED, everybody, first=True, bar=-1.0, tell=lambda _: None, threads=1)
-    assert asked == ([everybody] if fresh else [])
+    assert all_afresh(monkeypatch, effect("bent", error, elsewhere), left=True) is fresh
 
 
 @pytest.mark.usefixtures("unit_noise")
