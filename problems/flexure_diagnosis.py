@@ -3,12 +3,13 @@
 Statement. The default model leaves 0.466 um rms of 20 s of a 1 Hz sine (problems/flexure_stage.py).
 Ask which effect is missing, and judge on the next 20 s.
 
-What comes out. Two effects are accepted, both on data that were not fitted. One bends the loop (a
-curved calibration, asymmetry, saturation), one makes it lag (a loop that relaxes, a lag of
-amplifier or sensor, a delay): at one amplitude and one frequency each is a group, and which name
-leads it is chance. Together they bring the error from 0.466 um to 0.090 um, and on the held-out
-half from 0.472 um to 0.108 um. It stays above the noise (about 0.058 um), so the verdict is
-"unexplained": something is left that no effect of the catalogue explains, and no name is put on it.
+What comes out. Something bends the loop (a curved calibration, a stiffening guide, saturation) and
+something makes it lag (a lag of amplifier or sensor, a delay, creep); then smaller things of both
+kinds. All are accepted on data that were not fitted, and each is a group: at one amplitude and one
+frequency which name leads it is chance. Together they bring the error from 0.466 um to 0.081 um, on
+the held-out half from 0.472 um to 0.081 um. It stays above the noise (about 0.058 um), so the
+verdict is "unexplained": something is left that no effect of the catalogue explains, and no name is
+put on it.
 
 What it would take: many frequencies and amplitudes, a multisine over the whole range.
 
@@ -25,8 +26,10 @@ from collections.abc import Mapping
 import piezo_opt as po
 from problems import flexure_stage
 
-ALIKE = {"rate_dependence", "amplifier_lag", "sensor_lag", "delay", "slew_limit", "creep"}
-"""What lags behind a drive of one frequency."""
+ALIKE = {
+    "rate_dependence", "amplifier_lag", "sensor_lag", "delay", "slew_limit", "creep", "second_mode",
+}  # fmt: skip
+"""What lags behind a drive of one frequency; a mode far above it does so, too."""
 BENT = {"asymmetry", "nonlinear_gain", "sensor_curvature", "saturation", "cubic_stiffness"}
 """What bends a loop of one amplitude."""
 
@@ -40,9 +43,9 @@ def known() -> Mapping[str, float]:
     """Errors [m] on the fitted and on the held-out half."""
     return {
         "rms": 0.466e-6,
-        "rms after": 0.090e-6,
+        "rms after": 0.081e-6,
         "held out": 0.472e-6,
-        "held out after": 0.108e-6,
+        "held out after": 0.081e-6,
     }
 
 
@@ -76,13 +79,13 @@ def found(diagnosis: po.Diagnosis) -> Mapping[str, float]:
 
 
 def confirm(diagnosis: po.Diagnosis) -> None:
-    """A bend and a lag, each as a group; the known errors; no claim to be complete."""
+    """A bend and a lag first, all as groups; the known errors; no claim to be complete."""
     assert diagnosis.verdict == "unexplained", diagnosis.verdict
-    bend, lag = sorted(diagnosis.steps, key=lambda step: step.name in ALIKE)
-    assert set(bend.group) <= BENT, bend.group
-    assert len(bend.group) > 1
-    assert set(lag.group) <= ALIKE, lag.group
-    assert len(lag.group) > 1
+    groups = [set(step.group) for step in diagnosis.steps]
+    assert all(len(group) > 1 for group in groups), groups
+    bend, lag = sorted(groups[:2], key=lambda group: group <= ALIKE)
+    assert bend <= BENT, bend
+    assert lag <= ALIKE, lag
     have = found(diagnosis)
     for name, value in known().items():
         assert abs(have[name] - value) <= tolerance()[name], (

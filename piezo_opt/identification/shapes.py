@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import ndimage, signal
 
 from piezo_opt.effects.base import Effect, Parameter
 from piezo_opt.identification.unknowns import limits
@@ -77,7 +77,7 @@ def _values(parameter: Parameter, record: Measurement, residual: FloatArray) -> 
     if unit == "1/V":
         return _numbers(np.geomspace(0.3, 30.0, 4) / swing)
     if unit == "rad/s":
-        return resonances(record, residual)
+        return resonances(record, residual, broad=True)
     if unit == "rad":
         return [0.0, 0.25 * np.pi, 0.5 * np.pi, 0.75 * np.pi]
     return [parameter.nominal]
@@ -108,11 +108,17 @@ def detail_start(parameter: Parameter, record: Measurement) -> float:
     return float(np.clip(value, low, high))
 
 
-def resonances(record: Measurement, residual: FloatArray) -> list[float]:
+def resonances(record: Measurement, residual: FloatArray, *, broad: bool = False) -> list[float]:
     """Candidates for a natural frequency [rad/s], likeliest first.
 
     Peaks of the response (cross spectrum over drive spectrum) and of what a model leaves over
     (ringing after steps), completed by a coarse logarithmic grid.
+
+    Args:
+        record: the record.
+        residual: (N,) measured minus modelled [m].
+        broad: whether also the residual's broadest rise over its surroundings is one. Noise is
+            highest where nothing rings, and a loop's harmonics are as narrow as tones.
     """
     y, u, v, step = record.position, record.drive, residual, record.step
     if not record.uniform:
@@ -135,6 +141,11 @@ def resonances(record: Measurement, residual: FloatArray) -> list[float]:
         found += _peaks(f, np.nan_to_num(response), 2)
         f2, left = signal.welch(np.diff(v), fs=1.0 / step, nperseg=min(n - 1, length))
         found += _peaks(f2, left, 2)
+        if broad:
+            # The median of a few lines passes over what is as narrow as a tone.
+            rise = ndimage.median_filter(left, 5, mode="nearest")
+            around = ndimage.median_filter(left, max(9, left.size // 16), mode="nearest")
+            found += _peaks(f2, rise / np.maximum(around, 1e-12 * (left.max() or 1.0)), 1)
     top = 0.8 * np.pi / step
     bottom = 2.0 * np.pi * 3.0 / record.duration
     if bottom < top:

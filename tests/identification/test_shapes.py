@@ -15,6 +15,7 @@ from piezo_opt.effects import (
     DeadZone,
     PiezoGain,
     Saturation,
+    SecondMode,
     SlewLimit,
 )
 from piezo_opt.effects.base import Parameter
@@ -112,6 +113,18 @@ def test_uneven_sampling_still_shows_a_ringing() -> None:
     assert not uneven.uniform
     candidates = resonances(uneven, 1e-6 * ring)
     assert min(abs(c / 500.0 - 1.0) for c in candidates[:4]) < 0.05
+
+
+def test_a_ringing_is_found_below_noise_that_is_higher() -> None:
+    # Differences raise white noise towards Nyquist; a ringing at a tenth of it is no highest peak.
+    time = np.arange(8000) / 1000.0
+    drive = np.where(time % 1.0 < 0.5, 0.0, 50.0)
+    since = time % 0.5
+    ring = 5e-9 * np.exp(-15.0 * since) * np.sin(2 * np.pi * 55.0 * since)
+    noise = 5e-9 * np.random.default_rng(2).normal(size=time.size)
+    noisy = po.Measurement(time, drive, 1e-7 * drive + noise)
+    candidates = [shapes["omega"] for shapes in shape_grid(SecondMode(), noisy, ring + noise)]
+    assert min(abs(c / (2 * np.pi * 55.0) - 1.0) for c in candidates) < 0.02
 
 
 def test_own_names() -> None:

@@ -25,7 +25,13 @@ _FAR = 1.5
 """Longest step of a logarithm."""
 _SURE = 0.25
 """Gain ratio of a step from which the next is expected to lower the cost as well."""
+_GROWTH = 4.0
+"""Factor by which the damping grows at a refused step, three times as much at each further one:
+a step refused lightly damped is refused by orders of magnitude."""
+_LIGHT = 1e-3
+"""Damping up to which a step's predicted gain is what there is to be gained."""
 _STILL = "no step lowers the cost further"
+_DONE = "the cost would fall no further"
 
 
 @final
@@ -35,8 +41,9 @@ class LevenbergMarquardt:
 
         (J'J + lambda D) step = -J'r,   D = largest column norms so far
 
-    Unknowns at a bound whose gradient points outward are left out of the step. The damping is
-    updated by the gain ratio (Nielsen). Natural frequencies and forces per mass step in their
+    Unknowns at a bound whose gradient points outward are left out of the step; where it would cross
+    one, that unknown stops short and the step of the others is found anew beside it. The damping is
+    updated by the gain ratio (after Nielsen). Natural frequencies and forces per mass step in their
     logarithms: the valley along which omega^2 and a force grow together is straight there.
 
     Args:
@@ -45,7 +52,8 @@ class LevenbergMarquardt:
 
     References: More (1978), The Levenberg-Marquardt algorithm, Lecture Notes in Mathematics 630;
     Madsen, Nielsen & Tingleff (2004), Methods for Non-Linear Least Squares Problems, DTU, ch. 3;
-    Kanzow, Yamashita & Fukushima (2004), J. Comput. Appl. Math. 172(2), 375-397 (bounds).
+    Kanzow, Yamashita & Fukushima (2004), J. Comput. Appl. Math. 172(2), 375-397 (bounds);
+    Stark & Parker (1995), Computational Statistics 10(2), 129-141 (least squares within a box).
     """
 
     iterations: int = 200
@@ -71,7 +79,7 @@ class LevenbergMarquardt:
             )  # fmt: skip
         objective.monitor.saw(theta, cost)
         objective.monitor.iterate(theta, objective.rms(point.residual))
-        damping, growth = 1e-4, 2.0
+        damping, growth = 1e-4, _GROWTH
         floor = 1e-30 * max(cost, 1e-300)
         norms = np.zeros(theta.size)
         history = [cost]
@@ -98,13 +106,14 @@ class LevenbergMarquardt:
             steepness = np.abs(gradient[moving]) / np.sqrt(weight[moving])
             if moving.size == 0 or cost <= floor or steepness.max() <= 1e-10 * np.sqrt(cost):
                 return Solution(theta, Ending.CONVERGED, "the gradient vanished", point=point)
+            reach = _reach(theta, straight, scale, low, high, unknowns.scale)
             while True:
-                step = _step(normal, gradient, weight, damping, moving)
-                along = np.where(straight, step, np.expm1(np.clip(step, -_FAR, _FAR)))
-                trial = _towards(theta, along * scale, low, high, unknowns.scale)
-                step = (trial - theta) / scale
-                step = np.where(straight, step, np.log1p(np.maximum(step, -0.99)))
+                step = _step(normal, gradient, weight, damping, moving, reach)
+                along = np.where(straight, step, np.expm1(np.where(straight, 0.0, step)))
+                trial = unknowns.clip(theta + along * scale)
                 predicted = -float(gradient @ step + 0.5 * step @ normal @ step)
+                if damping <= _LIGHT and 0.0 <= predicted <= self.tolerance * cost:
+                    return Solution(theta, Ending.CONVERGED, _DONE, point=point)
                 ahead = objective.linearised(trial) if sure else None
                 residual = objective.residual(trial) if ahead is None else ahead.residual
                 trial_cost = objective.cost(residual)
@@ -115,12 +124,12 @@ class LevenbergMarquardt:
                     10.0 * self.tolerance * cost
                 ):
                     return Solution(theta, Ending.CONVERGED, _STILL, point=point)
-                damping, growth, sure = damping * growth, 2.0 * growth, False
+                damping, growth, sure = damping * growth, 3.0 * growth, False
                 if damping > 1e16:
                     return Solution(theta, Ending.CONVERGED, _STILL, point=point)
             decrease = cost - trial_cost
             damping = max(1e-14, damping * max(1.0 / 5.0, 1.0 - (2.0 * gain - 1.0) ** 3))
-            growth, sure = 2.0, gain > _SURE
+            growth, sure = _GROWTH, gain > _SURE
             theta, cost = trial, trial_cost
             objective.monitor.saw(theta, cost)
             objective.monitor.iterate(theta, objective.rms(residual))
@@ -141,29 +150,54 @@ class LevenbergMarquardt:
         )  # fmt: skip
 
 
-def _towards(
-    theta: FloatArray, step: FloatArray, low: FloatArray, high: FloatArray, scale: FloatArray
-) -> FloatArray:
-    """The step, stopped short of bounds it would cross.
+def _reach(
+    theta: FloatArray,
+    straight: NDArray[np.bool_],
+    scale: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    size: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """How far each unknown may step down and up, in its own coordinate.
 
     A bound is approached by nine tenths of the way and only touched from close by: a gate that
     jumps onto its null would take the derivatives of its shapes with it.
     """
-    trial = theta + step
-    for bound, crossed in ((low, trial < low), (high, trial > high)):
+    ends = []
+    for bound in (low, high):
         gap = bound - theta
-        short = np.where(np.abs(gap) > 1e-4 * scale, theta + 0.9 * gap, bound)
-        trial = np.where(crossed, short, trial)
-    return np.asarray(trial)
+        way = np.where(np.abs(gap) > 1e-4 * size, 0.9 * gap, gap) / scale
+        with np.errstate(invalid="ignore", divide="ignore"):
+            logarithm = np.log1p(np.maximum(way, -1.0))
+        ends.append(np.where(straight, way, np.clip(logarithm, -_FAR, _FAR)))
+    return ends[0], ends[1]
 
 
 def _step(
     normal: FloatArray, gradient: FloatArray, weight: FloatArray, damping: float,
-    moving: NDArray[np.intp],
+    moving: NDArray[np.intp], reach: tuple[FloatArray, FloatArray],
 ) -> FloatArray:  # fmt: skip
-    size = np.sqrt(weight[moving])
-    system = normal[np.ix_(moving, moving)] / np.outer(size, size)
-    system[np.diag_indices_from(system)] += damping
+    """The damped step within reach.
+
+    Whoever would go farthest beyond stops there and the step of the others is found anew, until all
+    are within reach: merely cut off, it would leave the others on their way to a point that is no
+    longer aimed at, and correlated ones uphill.
+    """
     step = np.zeros(gradient.size)
-    step[moving] = np.linalg.solve(system, -gradient[moving] / size) / size
+    free = moving
+    while free.size:
+        size = np.sqrt(weight[free])
+        pulled = gradient[free] + normal[free] @ step
+        system = normal[np.ix_(free, free)] / np.outer(size, size)
+        system[np.diag_indices_from(system)] += damping
+        step[free] = np.linalg.solve(system, -pulled / size) / size
+        way = np.where(step[free] < 0, reach[0][free], reach[1][free])
+        beyond = np.abs(step[free]) > np.abs(way)
+        if not beyond.any():
+            break
+        wish = np.abs(step[free])
+        first = int((wish / np.maximum(np.abs(way), 1e-9 * wish + 1e-300)).argmax())
+        step[free] = 0.0
+        step[free[first]] = way[first]
+        free = np.delete(free, first)
     return step
