@@ -39,6 +39,9 @@ _ABOVE = 1.3
 """Residual over the floor at the highest frequencies from which it may be no noise."""
 _HALVED = 0.5
 """Error over that before below which far more has been explained than is left."""
+_HARDLY = 6.0
+"""Difference of BIC below which there is no strong evidence between two (Kass & Raftery, 1995,
+J. American Statistical Association 90(430), 773-795)."""
 _IN_SIGHT = 2.0
 """Error over the best rung's beyond which a rung is not asked for its held-out error."""
 _ENOUGH = 1.03
@@ -130,9 +133,16 @@ def ordered(
     if not rungs:
         return []
     if held.record is None:
-        # Nothing else decides: the information criterion, which pays for every parameter.
+        # Nothing else decides: the information criterion, and before refits the scores where it
+        # hardly prefers one.
         enough = _ENOUGH * min(r.fit.rms for r in rungs)
-        first = sorted(rungs, key=lambda r: r.suspect is not None or r.fit.rms > enough)
+        entering = [(r.suspect.score, r) for r in rungs if r.suspect is not None]
+        strongest = max((r.delta_bic for _, r in entering), default=-np.inf)
+        alike = [(s, r) for s, r in entering if r.delta_bic > strongest - _HARDLY]
+        _, likely = max(alike, key=lambda pair: pair[0], default=(0.0, None))
+        first = sorted(
+            rungs, key=lambda r: (r.suspect is not None or r.fit.rms > enough, r is not likely)
+        )
         return [(rung, None) for rung in first]
     near = _IN_SIGHT * min(r.fit.rms for r in rungs)
     close = [r for r in rungs if r.fit.rms <= near]

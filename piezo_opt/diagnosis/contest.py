@@ -22,7 +22,7 @@ from piezo_opt.diagnosis.refinements import (
     shape_refinements,
     with_base_details,
 )
-from piezo_opt.diagnosis.rung import Rung, Trial, bic_gain, judged, solved
+from piezo_opt.diagnosis.rung import Rung, Trial, bic_gain, judged, numbers, solved
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Place
@@ -44,6 +44,8 @@ _WORTH = 1.5
 """Error of a fresh start over the other's beyond which it is not followed."""
 _HELPS = 0.97
 """Error over that of the fit below from which a contender beside other effects is one."""
+_BEHIND = 1.01
+"""Error over another one's from which a contender may have ended short of what it can do."""
 _MOST = 4
 _ITERATIONS = 30
 
@@ -77,12 +79,15 @@ def contest(
         # Forces bring mechanics with them; whoever stands without has the same right to them.
         still = [r for r in named if r.fit.model.quasi_static and r.fit.rms < _NEAR * best.rms]
         equipped = [] if closest.model.quasi_static else still[:_MOST]
-        if len(level) < 2 and not equipped:
-            return first
+        alone = len(level) < 2 and not equipped
         with ThreadPoolExecutor(max_workers=threads) as pool:
             founded = pool.map(lambda r: _founded(fit, r), equipped)
-            trying = [*level, *founded]
-            return judged(fit, [*rungs, *pool.map(lambda r: _detailed(fit, r), trying)])
+            trying = [] if alone else [*level, *founded]
+            detailed = list(pool.map(lambda r: _detailed(fit, r), trying))
+            # Whoever has fewer parameters may do exactly what a law with more freedom has found.
+            after = [(r, o) for o in detailed or level for r in named if _simpler(r, o)]
+            detailed += [r for r in pool.map(lambda pair: _after(fit, *pair), after) if r]
+        return judged(fit, [*rungs, *detailed]) if detailed else first
     near = _CLOSE if settled(best) else _NEAR
     contenders = [r for r in named if r.fit.rms < near * best.rms][:_MOST]
     if any(not effect.structural for _, effect in fit.model):
@@ -116,6 +121,12 @@ def _best_of_each(rungs: Sequence[Rung]) -> list[Rung]:
         if rung.suspect is not None:
             best.setdefault(rung.suspect.name, rung)
     return list(best.values())
+
+
+def _simpler(rung: Rung, other: Rung) -> bool:
+    """Whether a rung is behind another one whose law has no fewer numbers."""
+    behind = rung.fit.rms > _BEHIND * other.fit.rms
+    return behind and numbers(rung.fit) <= numbers(other.fit)
 
 
 def _chance(fit: Fit, rung: Rung, given: Identification, threads: int) -> Rung:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from piezo_opt.diagnosis.contest import forgetful
 from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, rms
 from piezo_opt.diagnosis.refinements import plausible, shape_refinements, with_base_details
-from piezo_opt.diagnosis.rung import STRONG, WORTH, Trial, bic_gain, race, solved
+from piezo_opt.diagnosis.rung import STRONG, WORTH, Trial, bic_gain, numbers, race, solved
 from piezo_opt.diagnosis.steps import Step, renamed, topped, without
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
@@ -96,9 +96,9 @@ def _without(fit: Fit, name: str, held: HeldOut, threads: int) -> Fit | None:
     # Detail that costs more than the name it replaces imitates it (the start of a long chain of
     # creep elements is any smooth curve).
     finer = [r.fit for r in race(least, shape_refinements(least), threads) if plausible(r)]
-    dear = len(fit.names)
+    dear = numbers(fit)
     return max(
-        [least, *(f for f in finer if len(f.names) <= dear)], key=lambda one: bic_gain(least, one)
+        [least, *(f for f in finer if numbers(f) <= dear)], key=lambda one: bic_gain(least, one)
     )
 
 

@@ -188,7 +188,8 @@ def bic_gain(before: Fit, after: Fit, samples: float | None = None) -> float:
 
         N_e ln(SSR_0 / SSR_1) - (k_1 - k_0) ln N_e
 
-    with N_e the effective number of samples, from the richer fit's residuals unless given.
+    with N_e the effective number of samples, from the richer fit's residuals unless given, and k
+    the numbers that act: parameters of which only products do count as one.
     Rivals are compared with the same N_e.
 
     Source: Schwarz (1978), Annals of Statistics 6(2), 461-464.
@@ -198,5 +199,10 @@ def bic_gain(before: Fit, after: Fit, samples: float | None = None) -> float:
     ssr1 = float(after.residuals @ after.residuals)
     if not np.isfinite(ssr1) or ssr1 <= 0:
         return -np.inf
-    more = len(after.names) - len(before.names)
+    more = numbers(after) - numbers(before)
     return n * float(np.log(ssr0 / ssr1)) - more * float(np.log(max(n, 2.0)))
+
+
+def numbers(fit: Fit) -> int:
+    """How many numbers of a fit act: unknowns but for those that are redundant by definition."""
+    return len(fit.names) - sum(effect.redundant for _, effect in fit.model)

@@ -227,6 +227,9 @@ class Effect(ABC):
     variants: ClassVar[tuple[Mapping[str, Any], ...]] = ({},)
     """Options under which a search tries the effect; none: only where it is offered."""
 
+    redundant: ClassVar[int] = 0
+    """Parameters beyond the numbers that act; what counts parameters does not count these."""
+
     _parameters: ClassVar[Mapping[str, Parameter]]
     _states: ClassVar[Mapping[str, State]]
 

@@ -41,7 +41,7 @@ def suspect(name: str, angle: float = 90.0, *, wrong_side: bool = False) -> Any:
     """An effect whose direction is so many degrees off the first axis."""
     turn = np.deg2rad(angle)
     return SimpleNamespace(
-        name=name, effect=None, p_value=0.0, wrong_side=wrong_side,
+        name=name, effect=None, p_value=0.0, score=0.0, wrong_side=wrong_side,
         direction=np.array([np.cos(turn), np.sin(turn)]),
     )  # fmt: skip
 
@@ -143,6 +143,17 @@ def test_with_nothing_held_out_the_order_is_that_of_bic(judged: list[float]) -> 
     assert asked([*rungs, far, near], UNJUDGED) == ["near", "first", "closest", "third", "far"]
     assert all(error is None for _, error in choice.ordered(rungs, UNJUDGED, 1))
     assert judged == []
+
+
+def test_with_nothing_held_out_the_likelier_suspect_wins_where_bic_hardly_prefers_another() -> None:
+    """Up to a difference of 6."""
+    for gain, first in ((94.1, "likely"), (93.9, "strong")):
+        strong, likely = effect("strong", 1.0, gain=100.0), effect("likely", 1.0, gain=gain)
+        other = effect("other", 1.0, gain=99.0)
+        for rung, score in ((strong, 0.4), (likely, 0.5), (other, 0.3)):
+            assert rung.suspect is not None
+            vars(rung.suspect)["score"] = score
+        assert asked([strong, other, likely], UNJUDGED)[0] == first
 
 
 @pytest.mark.parametrize("raised", [InputError("no"), ZeroDivisionError("no"), None])

@@ -113,6 +113,7 @@ def test_between_laws_that_leave_but_noise_their_details_decide(
 
     monkeypatch.setattr(contest, "_explained", lambda _: True)
     monkeypatch.setattr(contest, "_shaped", in_detail)
+    monkeypatch.setattr(contest, "_simpler", lambda *_: False)
     monkeypatch.setattr(contest, "judged", lambda _, rungs: list(rungs))
 
     rungs = [named("mount", 1.0), named("friction", 1.05), named("creep", 1.2)]
@@ -143,6 +144,7 @@ def test_who_stands_without_mechanics_gets_them_where_the_best_has_them(
     monkeypatch.setattr(contest, "_explained", lambda _: True)
     monkeypatch.setattr(contest, "_shaped", lambda _, found, __: found)
     monkeypatch.setattr(contest, "_founded", founded)
+    monkeypatch.setattr(contest, "_simpler", lambda *_: False)
     monkeypatch.setattr(contest, "judged", lambda _, rungs: list(rungs))
     force, bent = named("cubic_stiffness", 1.0), named("sensor_curvature", 2.4, still=True)
     far = named("creep", 2.6, still=True)

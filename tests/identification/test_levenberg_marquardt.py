@@ -25,7 +25,6 @@ TIME, DRIVE = loops(200)
 D, Y0 = "piezo_gain.d", "offset.y0"
 
 
-@final
 @dataclass
 class Valley:
     """Rosenbrock's function as residuals: 10 (y - x^2), 1 - x. Zero at (1, 1)."""
@@ -104,10 +103,10 @@ def test_bounds_hold_at_every_iterate_and_the_minimum_on_them_is_found() -> None
 
 @final
 @dataclass
-class Leaning:
+class Leaning(Valley):
     """Residuals J (theta - aim) with columns that lean on each other; x is bounded."""
 
-    highest: float
+    highest: float = 10.0
     aim: tuple[float, ...] = (3.0, -2.0, 1.0)
 
     def __post_init__(self) -> None:
@@ -129,15 +128,6 @@ class Leaning:
         self.monitor.with_sensitivities += 1
         return Linearised(self.residual(theta), self.jacobian)
 
-    def robust(self, point: Linearised) -> Linearised:
-        return point
-
-    def cost(self, residual: FloatArray) -> float:
-        return 0.5 * float(residual @ residual)
-
-    def rms(self, residual: FloatArray) -> float:
-        return float(np.sqrt(np.mean(residual**2)))
-
 
 def test_what_leans_on_an_unknown_at_its_bound_follows_at_once() -> None:
     # Free, x and y run far along their common valley; x stops at 0.5, where y belongs elsewhere.
@@ -154,7 +144,7 @@ def test_what_leans_on_an_unknown_at_its_bound_follows_at_once() -> None:
 
 
 def test_where_nothing_is_to_be_gained_nothing_is_simulated() -> None:
-    problem = Leaning(highest=10.0)
+    problem = Leaning()
     at = np.linalg.lstsq(problem.jacobian, -problem.residual(np.zeros(3)), rcond=None)[0]
     nearly = at + 1e-6
     solution = LevenbergMarquardt(tolerance=1e-6).minimise(cast(Objective, problem), nearly)

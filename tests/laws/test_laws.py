@@ -487,6 +487,20 @@ def test_sensitivities_equal_finite_differences(kind: type[Effect], closed: bool
         assert np.abs(slopes).max() * parameters[str(gate)].scale > 1e-7 * np.ptp(reading)
 
 
+@each
+def test_as_many_numbers_act_as_the_effect_says(kind: type[Effect]) -> None:
+    """Of free parameters that are redundant by definition the sensitivities are combinations."""
+    model, name = around(kind)
+    parameters = model[name].parameters
+    free = [k for k, p in parameters.items() if not p.fixed]
+    values = drawn(model, name, generator(kind))
+    directions = tuple(f"{name}.{k}" for k in free)
+    _, slopes = simulator(model, values, directions).with_sensitivities(values)
+    sizes = np.linalg.norm(slopes, axis=0)
+    seen = np.linalg.svd(slopes[:, sizes > 0] / sizes[sizes > 0], compute_uv=False)
+    assert int((seen > 1e-10).sum()) == int((sizes > 0).sum()) - kind.redundant
+
+
 def test_a_model_refuses_what_an_effect_needs_and_it_lacks() -> None:
     for kind in KINDS:
         for need in kind().requires:

@@ -29,6 +29,7 @@ class HystereticForce(Effect):
 
     place = Place.MOTION
     requires = ("motion",)
+    redundant = 1
     z = State("m", "hysteretic part of the position", remanent=True)
     alpha = Parameter(
         "1/s^2", "stiffness of the hysteretic force per unit mass", nominal=0.0,
