@@ -19,6 +19,7 @@ from piezo_opt.identification import (
     SingleShooting,
     solve,
 )
+from piezo_opt.simulation import INITIAL
 
 STRONG = 10.0
 """Difference of BIC that counts as very strong evidence (Kass & Raftery 1995)."""
@@ -204,5 +205,15 @@ def bic_gain(before: Fit, after: Fit, samples: float | None = None) -> float:
 
 
 def numbers(fit: Fit) -> int:
-    """How many numbers of a fit act: unknowns but for those that are redundant by definition."""
-    return len(fit.names) - sum(effect.redundant for _, effect in fit.model)
+    """How many numbers of a fit act over the whole record.
+
+    Not those that are redundant by definition, nor where a trailing state begins: what a record
+    says of that does not grow with its length.
+    """
+    heads = tuple(
+        f"{INITIAL}{name}.{state}"
+        for name, effect in fit.model for state, declared in effect.declared_states.items()
+        if declared.trailing
+    )  # fmt: skip
+    begins = sum(name.startswith(heads) for name in fit.names)
+    return len(fit.names) - begins - sum(effect.redundant for _, effect in fit.model)

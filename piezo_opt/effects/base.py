@@ -131,6 +131,8 @@ class State:
         position: the position of the mechanics; a chain without one is quasi-static.
         velocity: the velocity of the mechanics.
         remanent: a record may begin with this state away from rest (memory of what was before).
+        trailing: it follows a signal at a short distance, at which a record that is cut out of a
+            motion begins; soon forgotten, and not counted where models are compared.
     """
 
     unit: str
@@ -140,6 +142,7 @@ class State:
     position: bool = False
     velocity: bool = False
     remanent: bool = False
+    trailing: bool = False
 
 
 @final

@@ -200,17 +200,19 @@ def unknowns(question: Identification, start: Values) -> Unknowns:
 def _memories(question: Identification, record: Measurement) -> list[tuple[str, float, float]]:
     """States that may start away from rest, with a size and the farthest start."""
     stroke = float(np.ptp(record.position)) or 1.0
+    swing = float(np.ptp(record.drive)) or 1.0
     found: list[tuple[str, float, float]] = []
     for name, effect in question.model:
         for state, count in effect.states.items():
             declared = effect.declared_states[state]
-            if not declared.remanent:
+            if not (declared.remanent or declared.trailing):
                 continue
-            # Half a stroke of remanence is more than any actuator keeps; without a bound two slow
-            # states can cancel each other at any size. A state without unit is a share of its
-            # largest (a contact about to slide).
-            if declared.unit == "m":
-                size, reach = 0.05 * stroke, 0.5 * stroke
+            # Half a stroke (or swing) of remanence is more than any actuator keeps; without a bound
+            # two slow states can cancel each other at any size. A state without unit is a share of
+            # its largest (a contact about to slide).
+            if declared.unit in ("m", "V"):
+                whole = stroke if declared.unit == "m" else swing
+                size, reach = 0.05 * whole, 0.5 * whole
             elif declared.unit == "1":
                 size, reach = 0.3, 1.5
             else:

@@ -34,7 +34,7 @@ class AmplifierLag(Effect):
 
     poles: int = 1
     place = Place.INPUT
-    z = State("V", "lagged drive, pole by pole", size="poles")
+    z = State("V", "lagged drive, pole by pole", size="poles", trailing=True)
     share = Parameter(
         "1", "share of the drive that lags", nominal=0.0, bounds=(0.0, 1.0), typical=(0.2, 1.0),
         null=0.0,

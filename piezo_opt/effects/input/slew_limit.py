@@ -28,7 +28,7 @@ class SlewLimit(Effect):
     """
 
     place = Place.INPUT
-    z = State("V", "drive of limited rate")
+    z = State("V", "drive of limited rate", trailing=True)
     share = Parameter(
         "1", "share of the drive that is limited", nominal=0.0, bounds=(0.0, 1.0),
         typical=(0.5, 1.0), null=0.0,

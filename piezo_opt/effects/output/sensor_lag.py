@@ -32,7 +32,7 @@ class SensorLag(Effect):
 
     poles: int = 1
     place = Place.OUTPUT
-    z = State("m", "lagged position, pole by pole", size="poles")
+    z = State("m", "lagged position, pole by pole", size="poles", trailing=True)
     share = Parameter(
         "1", "share of the reading that lags", nominal=0.0, bounds=(0.0, 1.0), typical=(0.2, 1.0),
         null=0.0,
