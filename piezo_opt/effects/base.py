@@ -131,6 +131,7 @@ class State:
         position: the position of the mechanics; a chain without one is quasi-static.
         velocity: the velocity of the mechanics.
         remanent: a record may begin with this state away from rest (memory of what was before).
+        relaxing: its rest is the whole displacement, and it may begin anywhere in that.
         trailing: it follows a signal at a short distance, at which a record that is cut out of a
             motion begins; soon forgotten, and not counted where models are compared.
     """
@@ -142,6 +143,7 @@ class State:
     position: bool = False
     velocity: bool = False
     remanent: bool = False
+    relaxing: bool = False
     trailing: bool = False
 
 

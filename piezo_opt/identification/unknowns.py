@@ -213,6 +213,9 @@ def _memories(question: Identification, record: Measurement) -> list[tuple[str, 
             if declared.unit in ("m", "V"):
                 whole = stroke if declared.unit == "m" else swing
                 size, reach = 0.05 * whole, 0.5 * whole
+                if declared.relaxing:
+                    # From no drive at all: a bias is many strokes away.
+                    reach += stroke * float(np.abs(record.drive).max()) / swing
             elif declared.unit == "1":
                 size, reach = 0.3, 1.5
             else:

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import piezo_opt as po
+from piezo_opt.diagnosis import diagnose
 from piezo_opt.diagnosis.rung import numbers
-from piezo_opt.effects import AmplifierLag, Effect, SensorLag, SlewLimit
-from tests.diagnosis.plants import NOISE, STILL, TRUTH, clock, measured
+from piezo_opt.effects import AmplifierLag, Creep, Effect, SensorLag, SlewLimit
+from tests.diagnosis.plants import NOISE, STILL, TRUTH, but, clock, fitted, measured, rich
 
 KNOWN = {name: TRUTH[name] for name in STILL.parameters if name in TRUTH}
 
@@ -40,3 +41,20 @@ def test_a_record_cut_out_of_a_motion_begins_where_the_lag_was(
     assert numbers(fit) == len(fit.names) - len(begins)
     held = po.Identification(STILL + effect, cut, fixed=dict.fromkeys(begins, 0.0))
     assert po.solve(held, start=start).rms > 1.5 * NOISE
+
+
+def test_creep_begins_anywhere_in_the_displacement_and_not_within_a_part_of_the_stroke() -> None:
+    """Held at 100 V for ten time constants its elements have followed three strokes."""
+    time, still = clock(4000), 2000
+    moving = 100.0 + 0.5 * rich(time)
+    drive = np.concatenate([np.full(still, moving[0]), moving])
+    hidden = Creep(elements=1), {"c": 0.05, "tau": 0.2}
+    whole = measured(STILL, clock(6000), drive, hidden).position[still:]
+    record = po.Measurement(time, moving, whole, allow_saturated=True)
+    fit = po.solve(po.Identification(STILL + hidden[0], record), start={**KNOWN, "creep.c": 0.03})
+    assert fit.rms == pytest.approx(NOISE, rel=0.05)
+    assert fit.values["creep.c"] == pytest.approx(0.05, rel=0.2)
+    assert fit.values["initial.creep.z"] > 2.0 * np.ptp(record.position)
+    found = diagnose(fitted(STILL, record), withhold=but("creep", "drift", "sensor_lag"))
+    assert [step.name for step in found.steps] == ["creep"]
+    assert found.verdict == "missing"

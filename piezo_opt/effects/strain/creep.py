@@ -36,7 +36,7 @@ class Creep(Effect):
     per_decade: int = 1
     place = Place.STRAIN
     variants = ({"elements": 3}, {"elements": 1})
-    z = State("m", "displacement of each element", size="elements", remanent=True)
+    z = State("m", "displacement of each element", size="elements", remanent=True, relaxing=True)
     c = Parameter(
         "1", "share of the stroke that creeps", nominal=0.0, bounds=(-0.2, 0.9),
         typical=(5e-3, 0.1), null=0.0,
