@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.effects.base import Effect
+from piezo_opt.effects.base import Effect, Place
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Start
 from piezo_opt.identification.monitor import Monitor
@@ -135,15 +136,7 @@ class BasePoint:
         found = []
         for shapes in grid:
             own = {f"{name}.{k}": v for k, v in shapes.items()}
-            quick = min(
-                (v for k, v in shapes.items() if effect.parameters[k].unit == "s"),
-                default=np.inf,
-            )
-            fast = max(
-                (v for k, v in shapes.items() if effect.parameters[k].unit == "rad/s"),
-                default=0.0,
-            )
-            finest = min(quick, 1.0 / fast if fast > 0 else np.inf)
+            finest = self._quickest(effect, shapes)
             # An explicit scheme is stable up to 2.7 time constants; one is accurate enough here.
             key = float(2.0 ** np.floor(np.log2(finest))) if np.isfinite(finest) else np.inf
             columns = []
@@ -180,6 +173,31 @@ class BasePoint:
                 continue
             found.append(Direction(dict(shapes), whole, self.project(whole)))
         return found
+
+    def _quickest(self, effect: Effect, shapes: Mapping[str, float]) -> float:
+        """The shortest time constant [s] of an effect's own states; infinite without any.
+
+        A contact that gives way within a displacement is as fast as the motion runs through it.
+        """
+        times = [np.inf]
+        for name, value in shapes.items():
+            unit = effect.parameters[name].unit
+            if unit == "s":
+                times.append(value)
+            elif unit == "rad/s" and value > 0:
+                times.append(1.0 / value)
+            elif effect.place is Place.MOTION and unit in ("m", "1/m") and value > 0:
+                times.append((value if unit == "m" else 1.0 / value) / self._speed)
+        return min(times)
+
+    @cached_property
+    def _speed(self) -> float:
+        """The fastest motion that the fit shows [m/s]."""
+        fastest = [
+            float(np.abs(np.diff(reading) / np.diff(record.time)).max())
+            for record, reading in zip(self.fit.records, self.fit.readings, strict=True)
+        ]
+        return max(max(fastest), np.finfo(float).tiny)
 
     def grid(self, effect: Effect) -> list[dict[str, float]]:
         """Shape values that the records suggest for an absent effect."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from math import isfinite
 from typing import Any, final
 
 from piezo_opt.diagnosis.advice import Advice, experiments
 from piezo_opt.diagnosis.base_point import BasePoint
-from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
+from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, hold_out, rms
 from piezo_opt.diagnosis.ladder import Ladder, climb
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.diagnosis.rivals import Rival, in_words
@@ -343,14 +344,18 @@ def _elsewhere(found: Structure, climbed: Ladder, held: HeldOut, floor: NoiseFlo
     """What is left on the held-out record as well: an explanation must hold there, too."""
     if not climbed.steps or held.record is None:
         return found
-    there, here = rms(error_on(climbed.final, held.record)), climbed.final.rms
+    there, here = rms(elsewhere(climbed.final, held)), climbed.final.rms
     carries = _CARRIES if here < _ABOVE * floor.rms else _AS_SLOW
     if there is None or there < carries * here:
         return found
+    missed = (
+        f"the error is {show(there, 'm')}, {there / here:.2g} times that on the fitted one"
+        if isfinite(there)
+        else "the model with what was found is not finite"
+    )
     clue = (
-        f"On the record that is judged on, '{held.record.name}', the error is {show(there, 'm')}, "
-        f"{there / here:.2g} times that on the fitted one: what was found does not carry over, or "
-        "that record shows what this one cannot. Fit both together."
+        f"On the record that is judged on, '{held.record.name}', {missed}: what was found does not "
+        "carry over, or that record shows what this one cannot. Fit both together."
     )
     return Structure(True, (*found.clues, clue), only_elsewhere=not found.left)
 

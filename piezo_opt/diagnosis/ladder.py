@@ -22,7 +22,7 @@ from piezo_opt.diagnosis.confirm import confirmed
 from piezo_opt.diagnosis.detail import in_detail
 from piezo_opt.diagnosis.exchange import LIKELY, exchange, regrouped
 from piezo_opt.diagnosis.grouping import group_of
-from piezo_opt.diagnosis.held_out import HeldOut, agrees, elsewhere, error_on, rms
+from piezo_opt.diagnosis.held_out import HeldOut, agrees, elsewhere, rms
 from piezo_opt.diagnosis.pairs import pair
 from piezo_opt.diagnosis.prune import prune
 from piezo_opt.diagnosis.refinements import lean
@@ -288,7 +288,7 @@ def climb(
     tell("scoring every absent effect")
     suspects, unscored = scored(baseline, candidates, threads)
     way = _Climb(baseline, suspects, held, candidates, tell, threads)
-    at = _Stand(baseline, error_on(baseline, held.record), suspects)
+    at = _Stand(baseline, elsewhere(baseline, held), suspects)
     bottom = at.error
     ended = paired = False
     for _ in range(_MOST_ROUNDS):

@@ -14,7 +14,7 @@ from typing import final
 
 import numpy as np
 
-from piezo_opt.diagnosis.held_out import HeldOut, agrees, error_on, rms
+from piezo_opt.diagnosis.held_out import HeldOut, agrees, elsewhere, error_on, rms
 from piezo_opt.diagnosis.rung import STRONG, bic_gain
 from piezo_opt.diagnosis.scores import effective_samples
 from piezo_opt.effects.base import Effect
@@ -70,7 +70,7 @@ def rivals(
     own = fit.model.loop
     if own is None:
         return ()
-    before = error_on(fit, held.record)
+    before = elsewhere(fit, held)
     bases = [fit] if foot.model == fit.model or foot.model.loop != own else [fit, foot]
 
     def one(law: type[Effect]) -> Rival | None:

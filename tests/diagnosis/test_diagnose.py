@@ -334,18 +334,19 @@ def test_an_explanation_that_does_not_carry_over_is_none() -> None:
     [
         (1.4, 2.9 * 1.4, True), (1.4, 3.1 * 1.4, False),
         # What is above the floor may be slow noise, but that is as large on the other record.
-        (1.6, 1.4 * 1.6, True), (1.6, 1.6 * 1.6, False),
+        (1.6, 1.4 * 1.6, True), (1.6, 1.6 * 1.6, False), (1.4, np.inf, False),
     ],
 )  # fmt: skip
 def test_slow_noise_is_as_large_on_the_other_record(
     here: float, there: float, carries: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "error_on", lambda *_: np.array([there, -there]))
+    monkeypatch.setattr(module, "elsewhere", lambda *_: np.array([there, -there]))
     ladder: Any = SimpleNamespace(steps=("drift",), final=SimpleNamespace(rms=here))
     held: Any = SimpleNamespace(record=SimpleNamespace(name="test"))
     floor: Any = SimpleNamespace(rms=1.0)
     left = module._elsewhere(Structure(False, ()), ladder, held, floor)
     assert left.left is not carries
+    assert any("is not finite" in clue for clue in left.clues) == np.isinf(there)
 
 
 def _played(noise: float) -> po.Fit:

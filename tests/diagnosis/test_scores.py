@@ -27,6 +27,7 @@ from piezo_opt.effects import (
     Delay,
     Drift,
     Effect,
+    Friction,
     Load,
     NonlinearGain,
     Offset,
@@ -163,6 +164,29 @@ def test_a_one_sided_gate_is_not_taken_to_its_forbidden_side(
     else:
         assert suspect.score > 0.9
         assert suspect.p_value < 1e-20
+
+
+def test_a_contact_that_gives_way_at_once_is_scored_on_steps_as_short() -> None:
+    """In a five-hundredth of the stroke, through which the motion runs within one sample."""
+    time = clock()
+    shaken = 30.0 - 30.0 * np.cos(2.0 * np.pi * 55.0 * time) * np.sin(np.pi * time)
+    blank = measured(MOVING, time, shaken, noise=0.0)
+    law = Friction(), {"F": 0.05, "z0": 0.002 * float(np.ptp(blank.position))}
+    fit = fitted(MOVING, measured(MOVING, time, shaken, law, noise=1e-9))
+    (direction,) = BasePoint(fit).directions(Friction(), [{"z0": law[1]["z0"]}])
+    assert np.isfinite(direction.whole).all()
+    # As long as it slides, friction is its law's force in the direction of the motion.
+    slid = fitted(MOVING, blank)
+    values = {**slid.values, "friction.F": 1e-4, "friction.z0": law[1]["z0"]}
+    with_it = po.simulate(MOVING + Friction(), blank, values).reading
+    without = po.simulate(MOVING, blank, slid.values).reading
+    (there,) = BasePoint(slid).directions(Friction(), [{"z0": law[1]["z0"]}])
+    by_hand = (with_it - without) / 1e-4
+    # A picture to score by, on steps of one time constant of the contact.
+    assert float(np.linalg.norm(there.whole - by_hand)) < 0.2 * float(np.linalg.norm(by_hand))
+    (suspect,), _ = score(BasePoint(fit), [Friction()])
+    assert suspect.score > 0.2
+    assert not suspect.wrong_side
 
 
 def test_a_two_sided_gate_may_be_negative() -> None:
