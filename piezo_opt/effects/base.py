@@ -134,6 +134,7 @@ class State:
         relaxing: its rest is the whole displacement, and it may begin anywhere in that.
         trailing: it follows a signal at a short distance, at which a record that is cut out of a
             motion begins; soon forgotten, and not counted where models are compared.
+        unless: option of the effect under which there is no such state.
     """
 
     unit: str
@@ -145,6 +146,7 @@ class State:
     remanent: bool = False
     relaxing: bool = False
     trailing: bool = False
+    unless: str = ""
 
 
 @final
@@ -320,13 +322,17 @@ class Effect(ABC):
         """Number of elements of each declared state, by name, in the order written."""
         return {
             name: (getattr(self, s.size) if isinstance(s.size, str) else s.size)
-            for name, s in self._states.items()
+            for name, s in self.declared_states.items()
         }
 
     @property
     def declared_states(self) -> Mapping[str, State]:
-        """Declarations of the states by name."""
-        return self._states
+        """Declarations of this form's states by name."""
+        return {
+            name: state
+            for name, state in self._states.items()
+            if not (state.unless and getattr(self, state.unless))
+        }
 
     @property
     def gate(self) -> str | None:

@@ -70,6 +70,9 @@ def _values(parameter: Parameter, record: Measurement, residual: FloatArray) -> 
         # A limit that acts on a few steps only lies far above the usual speed.
         rare = speed.max() * np.array([0.05, 0.15, 0.4, 0.8])
         return _numbers(np.unique(np.concatenate([usual, rare])))
+    if unit == "m/s":
+        pace = float(np.sqrt(np.mean(np.gradient(record.position, record.time) ** 2)))
+        return _numbers(pace * np.geomspace(0.01, 1.0, 5))
     if unit == "m":
         return _numbers(stroke * np.geomspace(0.004, 0.3, 7))
     if unit == "1/m":

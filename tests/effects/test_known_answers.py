@@ -636,6 +636,32 @@ def test_stribeck_friction_is_larger_at_low_speed() -> None:
     assert states["friction.z"][-1] == pytest.approx(1.5, rel=1e-3)
 
 
+def test_a_contact_of_exponent_two_gives_way_as_one_over_the_distance() -> None:
+    """z0 dz/dx = (1 - z)^2 from z = 0: 1 - z = 1 / (1 + x / z0)."""
+    time = np.linspace(0, 0.2, 201)
+    model = PiezoGain() + SecondOrder() + Friction()
+    values = {"friction.F": 1.0, "friction.z0": 5e-7, "friction.n": 2.0, "second_order.zeta": 0.5}
+    reading, states = respond(model, time, 100.0 * time, values, 1e-5)
+    np.testing.assert_allclose(
+        1.0 - states["friction.z"], 1.0 / (1.0 + reading / 5e-7), rtol=0, atol=1e-6
+    )
+
+
+def test_smooth_friction_is_viscous_below_and_coulombs_above_its_velocity() -> None:
+    time = np.linspace(0, 0.4, 401)
+    model = PiezoGain() + SecondOrder() + Friction(smooth=True)
+    for slower, share in ((0.1, 1.0), (1.0, float(np.tanh(1.0)))):
+        w_c = slower * GAIN * 100.0
+        values = {"friction.F": 0.1, "friction.w_c": w_c, "second_order.zeta": 0.5}
+        reading, states = respond(model, time, 100.0 * time, values, 1e-5)
+        behind = GAIN * 40.0 - reading[-1] - 2 * 0.5 / 6e3 * GAIN * 100.0
+        assert behind == pytest.approx(share * 0.1 / 6e3**2, rel=1e-3)
+    assert set(states) == {"second_order.x", "second_order.w"}
+    assert set(Friction(smooth=True).parameters) == {"F", "w_c"}
+    assert Friction(smooth=True).like("hysteretic_force", {"beta": 1.0, "gamma": 1.0}) is None
+    assert HystereticForce().like("friction", {"F": 1.0, "w_c": 1e-4}) is None
+
+
 def test_hysteretic_force_is_the_law_of_the_public_benchmark() -> None:
     """m y'' + c y' + k y + z = u with the published parameters, integrated independently."""
     m, c, k = 2.0, 10.0, 5e4

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
-from piezo_opt.symbolic import abs_, exp
+from piezo_opt.symbolic import abs_, exp, power_, sign_, tanh
 
 
 @final
@@ -15,43 +15,59 @@ from piezo_opt.symbolic import abs_, exp
 class Friction(Effect):
     """Dry friction with presliding (Dahl; LuGre when stribeck or tau are freed), per unit mass.
 
-        z0 z' = x' - |x'| z / g(x'),   g = 1 + (stribeck - 1) exp(-(x'/w_s)^2)
+        z0 z' = x' |r|^(n-1) r,   r = 1 - sign(x') z / g(x')
+        g = 1 + (stribeck - 1) exp(-(x'/w_s)^2)
         x'' += -F (z + tau z')
+        x'' += -F tanh(x' / w_c)   smooth
 
     z runs within -g..g, so that F is the Coulomb force per unit mass and F / z0 the stiffness
-    before sliding. stribeck is static over sliding friction, tau the micro-damping; with their
-    defaults 1 and 0 the law is Dahl's. Viscous damping is second_order's.
+    before sliding; n is how soon it gives way. stribeck is static over sliding friction, tau the
+    micro-damping; with their defaults 1 and 0 the law is Dahl's. The smooth form, Coulomb's as most
+    simulations have it, has no presliding: below w_c it is viscous. Viscous damping is
+    second_order's.
 
     References: Dahl (1976), AIAA Journal 14(12), 1675-1682; Canudas de Wit, Olsson, Astrom &
-    Lischinsky (1995), IEEE Trans. Automatic Control 40(3), 419-425.
+    Lischinsky (1995), IEEE Trans. Automatic Control 40(3), 419-425; Andersson, Soderberg &
+    Bjorklund (2007), Tribology International 40(4), 580-587 (the smooth form).
     """
 
+    smooth: bool = False
     place = Place.MOTION
     requires = ("motion",)
-    z = State("1", "deflection of the contact over its largest", remanent=True)
+    variants = ({"smooth": False}, {"smooth": True})
+    z = State("1", "deflection of the contact over its largest", remanent=True, unless="smooth")
     F = Parameter(
         "m/s^2", "Coulomb friction per unit mass", nominal=0.0, bounds=(0.0, 1e8),
         typical=(1e-3, 10.0), null=0.0,
     )  # fmt: skip
     z0 = Parameter(
-        "m", "presliding displacement", nominal=1e-6, bounds=(1e-10, 1.0), typical=(1e-7, 1e-5)
-    )
+        "m", "presliding displacement", nominal=1e-6, bounds=(1e-10, 1.0), typical=(1e-7, 1e-5),
+        unless="smooth",
+    )  # fmt: skip
+    w_c = Parameter(
+        "m/s", "velocity below which friction is viscous", nominal=1e-4, bounds=(1e-10, 1e3),
+        typical=(1e-5, 1e-2), when="smooth",
+    )  # fmt: skip
+    n = Parameter(
+        "1", "exponent of the way into sliding", nominal=1.0, bounds=(0.5, 4.0), typical=(0.5, 2.0),
+        fixed=True, detail=True, unless="smooth",
+    )  # fmt: skip
     stribeck = Parameter(
         "1", "static over sliding friction", nominal=1.0, bounds=(1.0, 5.0), typical=(1.0, 2.0),
-        fixed=True, detail=True,
+        fixed=True, detail=True, unless="smooth",
     )  # fmt: skip
     w_s = Parameter(
         "m/s", "Stribeck velocity", nominal=1e-3, bounds=(1e-9, 1e3), typical=(1e-5, 1e-1),
-        fixed=True, detail=True,
+        fixed=True, detail=True, unless="smooth",
     )  # fmt: skip
     tau = Parameter(
         "s", "micro-damping time", nominal=0.0, bounds=(0.0, 1.0), typical=(0.0, 1e-4), fixed=True,
-        detail=True,
+        detail=True, unless="smooth",
     )  # fmt: skip
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
         """Nearly a hysteretic force: F = alpha / (beta gamma), z0 = 1 / (beta gamma)."""
-        if other != "hysteretic_force" or own["beta"] * own["gamma"] <= 0.0:
+        if self.smooth or other != "hysteretic_force" or own["beta"] * own["gamma"] <= 0.0:
             return None
         z0 = 1.0 / (own["beta"] * own["gamma"])
         return {"F": own["alpha"] * z0, "z0": z0}
@@ -59,6 +75,9 @@ class Friction(Effect):
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Own share of the acceleration and the contact's deflection."""
         w = chain.position.rate
+        if self.smooth:
+            return Equations(gives=-p.F * tanh(w / p.w_c))
         level = 1.0 + (p.stribeck - 1.0) * exp(-((w / p.w_s) ** 2))
-        rate = (w - abs_(w) * x.z / level) / p.z0
+        left = power_(abs_(1.0 - sign_(w) * x.z / level), p.n - 1.0)
+        rate = left * (w - abs_(w) * x.z / level) / p.z0
         return Equations(gives=-p.F * (x.z + p.tau * rate), moves={"z": rate})

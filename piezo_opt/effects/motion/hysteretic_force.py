@@ -54,7 +54,7 @@ class HystereticForce(Effect):
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
         """Dahl's friction is this law with gamma = 1, delta = 0: alpha = F / z0, beta = 1 / z0."""
-        if other != "friction":
+        if other != "friction" or "z0" not in own:
             return None
         return {
             "alpha": own["F"] / own["z0"], "beta": 1.0 / own["z0"], "gamma": 1.0, "delta": 0.0,
