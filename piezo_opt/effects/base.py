@@ -73,6 +73,7 @@ class Parameter:
         coarse: a shape that hardly changes what the effect does: a search tries every second value.
         when, unless: name of an option of the effect with which, or without which, there is this
             parameter: effects of several forms declare those of all.
+        freed: name of an option of the effect with which it is not fixed, but a shape as any other.
         given: name of an option of the effect that holds the nominal value in this one's place
             (the mains of a country): forms that differ in nothing else share their compiled code.
     """
@@ -89,6 +90,7 @@ class Parameter:
     coarse: bool = False
     when: str = ""
     unless: str = ""
+    freed: str = ""
     given: str = ""
 
     def __post_init__(self) -> None:
@@ -250,7 +252,8 @@ class Effect(ABC):
                 f"Effect {cls.__name__} declares no place: write place = Place.STRAIN."
             )
         for name, parameter in cls._parameters.items():
-            for option in filter(None, (parameter.when, parameter.unless, parameter.given)):
+            options = (parameter.when, parameter.unless, parameter.freed, parameter.given)
+            for option in filter(None, options):
                 if option not in body.get("__annotations__", {}):
                     raise ModelError(
                         f"Effect {cls.__name__}: the parameter '{name}' depends on the option "
@@ -312,10 +315,18 @@ class Effect(ABC):
     def parameters(self) -> Mapping[str, Parameter]:
         """Declared parameters of this form by name, in the order written."""
         return {
-            k: replace(p, nominal=getattr(self, p.given)) if p.given else p
+            k: self._formed(p)
             for k, p in self._parameters.items()
             if (not p.when or getattr(self, p.when)) and not (p.unless and getattr(self, p.unless))
         }
+
+    def _formed(self, parameter: Parameter) -> Parameter:
+        """A parameter as this form has it."""
+        if parameter.freed and getattr(self, parameter.freed):
+            parameter = replace(parameter, fixed=False, detail=False)
+        if parameter.given:
+            parameter = replace(parameter, nominal=getattr(self, parameter.given))
+        return parameter
 
     @property
     def states(self) -> Mapping[str, int]:

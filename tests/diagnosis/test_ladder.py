@@ -554,3 +554,17 @@ def test_another_record_confirms_beside_a_base_that_may_follow_it() -> None:
     blind = measured(MOVING, time, 0.05 * chirp, bent, seed=1)
     assert not confirmed(foot, off, hold_out(po.Identification(MOVING, train), blind))
     assert not confirmed(foot, off, replace(held, record=None))
+
+
+def test_a_warm_up_that_runs_out_within_the_record_is_a_drift() -> None:
+    """A cubic leaves half as much again as the noise: lags were named beside it."""
+    time = clock(3000)
+    warm = Drift(settling=True), {"rate": -8e-7, "tau": 0.4}
+    record = measured(STILL, time, rich(time), warm)
+    base = fitted(STILL, record)
+    forms: list[Effect] = [Drift(), Drift(wandering=True), Drift(settling=True)]
+    offered = [*forms, Creep(), Creep(elements=1), SensorLag(), AmplifierLag(), RateDependence()]
+    ladder = climb(base, hold_out(base.question, None), offered)
+    assert [step.effect for step in ladder.steps] == [Drift(settling=True)]
+    assert ladder.final.values["drift.tau"] == pytest.approx(0.4, rel=0.1)
+    assert ladder.final.rms == pytest.approx(NOISE, rel=0.05)

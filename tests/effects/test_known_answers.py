@@ -769,6 +769,11 @@ def test_drift_is_a_straight_line_unless_it_warms_up() -> None:
     np.testing.assert_allclose(
         warming - GAIN * drive, 6e-7 * (1 - np.exp(-elapsed / 30.0)), rtol=1e-9, atol=1e-18
     )
+    # The same law in both forms; what differs is whether a search looks for its time constant.
+    settling = PiezoGain() + Drift(settling=True)
+    same, _ = respond(settling, time, drive, {"drift.rate": 2e-8, "drift.tau": 30.0}, 10.0)
+    np.testing.assert_allclose(same, warming, rtol=1e-12)
+    assert [Drift(settling=s).parameters["tau"].fixed for s in (False, True)] == [True, False]
 
 
 def test_two_elements_a_decade_creep_logarithmically() -> None:

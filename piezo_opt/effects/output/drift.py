@@ -18,22 +18,24 @@ class Drift(Effect):
         y = x + rate tau (1 - exp(-t / tau))
         y = x + rate (t + bend t^2 + twist t^3)   wandering
 
-    With tau at its default of 1e9 s, where it is kept unless freed, the first is x + rate t. The
+    With tau at its default of 1e9 s, where it is kept unless freed, the first is x + rate t; with
+    the option settling it is a warm-up that runs out within the record or a few of its lengths. The
     second is the smooth wander of a room's temperature, as far as a cubic follows it.
 
     References: Fleming (2013), Sensors and Actuators A 190, 106-126 (drift and stability).
     """
 
     wandering: bool = False
+    settling: bool = False
     place = Place.OUTPUT
-    variants = ({"wandering": False}, {"wandering": True})
+    variants = ({"wandering": False}, {"wandering": True}, {"settling": True})
     rate = Parameter(
         "m/s", "drift at the start of the record", nominal=0.0, bounds=(-1.0, 1.0),
         typical=(-1e-7, 1e-7), null=0.0, per_record=True,
     )  # fmt: skip
     tau = Parameter(
         "s", "warm-up time", nominal=1e9, bounds=(1e-3, 1e9), typical=(60.0, 3600.0), fixed=True,
-        detail=True, unless="wandering",
+        detail=True, unless="wandering", freed="settling",
     )  # fmt: skip
     bend = Parameter(
         "1/s", "growth of the rate", nominal=0.0, bounds=(-1e9, 1e9), typical=(-1.0, 1.0),
