@@ -135,7 +135,8 @@ class State:
         remanent: a record may begin with this state away from rest (memory of what was before).
         relaxing: its rest is the whole displacement, and it may begin anywhere in that.
         trailing: it follows a signal at a short distance, at which a record that is cut out of a
-            motion begins; soon forgotten, and not counted where models are compared.
+            motion begins, without mechanics that take that up; soon forgotten, and not counted
+            where models are compared.
         unless: option of the effect under which there is no such state.
     """
 

@@ -205,7 +205,9 @@ def _memories(question: Identification, record: Measurement) -> list[tuple[str, 
     for name, effect in question.model:
         for state, count in effect.states.items():
             declared = effect.declared_states[state]
-            if not (declared.remanent or declared.trailing):
+            # Mechanics that begin anywhere take up where a lag began; beside them a lag that may
+            # begin anywhere, too, would always beat a delay, which begins at rest.
+            if not (declared.remanent or (declared.trailing and question.model.quasi_static)):
                 continue
             # Half a stroke (or swing) of remanence is more than any actuator keeps; without a bound
             # two slow states can cancel each other at any size. A state without unit is a share of
