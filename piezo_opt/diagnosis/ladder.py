@@ -328,13 +328,13 @@ def climb(
     if nothing_to_win(at.fit):
         at = way.grouped(at)
     # Of an effect that was scored in one form it does not matter that another has no place here.
-    known = {*at.fit.model.names, *(suspect.name for suspect in suspects)}
+    known = {suspect.name for suspect in suspects}
     return Ladder(
         baseline,
         at.fit,
         tuple(replace(step, fit=with_statistics(step.fit)) for step in at.steps),
         by_name(suspects),
-        tuple(u for u in unscored if u.name not in known),
+        tuple(u for u in unscored if u.name not in at.fit.model and u.name not in known),
         tuple(name for name in at.refined if name.split(".")[0] in at.fit.model),
         at.dropped,
     )
