@@ -20,6 +20,7 @@ from piezo_opt.effects import (
     RateDependence,
     SecondOrder,
     SensorLag,
+    State,
 )
 from piezo_opt.errors import ModelError
 
@@ -115,3 +116,10 @@ def test_a_form_that_is_no_option_is_refused() -> None:
             place = Place.STRAIN
             a = Parameter("1", "size", nominal=0.0, null=0.0)
             bend = Parameter("1", "shape", nominal=0.0, fixed=True, when="curved")
+
+    with pytest.raises(ModelError, match="the state 'z' depends on the option 'rough'"):
+
+        class Worn(Effect):
+            place = Place.STRAIN
+            a = Parameter("1", "size", nominal=0.0, null=0.0)
+            z = State("m", "memory", unless="rough")

@@ -128,13 +128,14 @@ def ordered(
     A rung that bends the base model fits well and predicts badly; neither error alone decides.
     What the model has already comes before effects that do hardly better on both, or on the
     fitted one without strong evidence: a detail that is right may reach beyond a record of
-    another kind no better than one that is wrong.
+    another kind no better than one that is wrong. Where nothing is held out the information
+    criterion decides, and the scores between those that it hardly tells apart.
     """
     if not rungs:
         return []
     if held.record is None:
-        # Nothing else decides: the information criterion, and before refits the scores where it
-        # hardly prefers one.
+        # Nothing else decides: the information criterion; where that hardly prefers one, the
+        # scores, which no search has bent.
         enough = _ENOUGH * min(r.fit.rms for r in rungs)
         entering = [(r.suspect.score, r) for r in rungs if r.suspect is not None]
         strongest = max((r.delta_bic for _, r in entering), default=-np.inf)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from math import isfinite
 from typing import Any, final
 
 from piezo_opt.diagnosis.advice import Advice, experiments
 from piezo_opt.diagnosis.base_point import BasePoint
-from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, hold_out, rms
+from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, hold_out, rms, worded
 from piezo_opt.diagnosis.ladder import Ladder, climb
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.diagnosis.rivals import Rival, in_words
@@ -150,8 +149,8 @@ class Diagnosis:
                     "group": list(s.group),
                     "rms_before": s.rms_before,
                     "rms_after": s.rms_after,
-                    "held_out_before": s.held_out_before,
-                    "held_out_after": s.held_out_after,
+                    "held_out_before": _finite(s.held_out_before),
+                    "held_out_after": _finite(s.held_out_after),
                     "delta_bic": s.delta_bic,
                     "p_value": s.p_value,
                     "parameters": {
@@ -181,7 +180,7 @@ class Diagnosis:
                 {
                     "effect": r.name,
                     "rms": r.rms,
-                    "held_out": r.held_out,
+                    "held_out": _finite(r.held_out),
                     "delta_bic": r.delta_bic,
                     "better": r.better,
                     "without": list(r.without),
@@ -204,10 +203,10 @@ class Diagnosis:
         if self.steps:
             lines += ["", f"  {'ladder':<22} {'rms':>10} {'held out':>10} {'BIC falls':>10}"]
             first = self.steps[0]
-            held = "" if first.held_out_before is None else show(first.held_out_before, "m")
+            held = worded(first.held_out_before)
             lines.append(f"  {'baseline':<22} {show(first.rms_before, 'm'):>10} {held:>10}")
             for step in self.steps:
-                held = "" if step.held_out_after is None else show(step.held_out_after, "m")
+                held = worded(step.held_out_after)
                 lines.append(
                     f"  {'+ ' + step.name:<22} {show(step.rms_after, 'm'):>10} {held:>10} "
                     f"{step.delta_bic:>10.0f}"
@@ -342,21 +341,28 @@ def _baseline(asked: Identification | Measurement | Iterable[Measurement]) -> Fi
 
 def _elsewhere(found: Structure, climbed: Ladder, held: HeldOut, floor: NoiseFloor) -> Structure:
     """What is left on the held-out record as well: an explanation must hold there, too."""
-    if not climbed.steps or held.record is None:
-        return found
     there, here = rms(elsewhere(climbed.final, held)), climbed.final.rms
     carries = _CARRIES if here < _ABOVE * floor.rms else _AS_SLOW
-    if there is None or there < carries * here:
+    if held.record is None or there is None or there < carries * here:
         return found
-    missed = (
-        f"the error is {show(there, 'm')}, {there / here:.2g} times that on the fitted one"
-        if isfinite(there)
-        else "the model with what was found is not finite"
-    )
-    clue = (
-        f"On the record that is judged on, '{held.record.name}', {missed}: what was found does not "
-        "carry over, or that record shows what this one cannot. Fit both together."
-    )
+    judged = f"On the record that is judged on, '{held.record.name}',"
+    if climbed.steps:
+        missed = (
+            f"the error is {show(there, 'm')}, {there / here:.2g} times that on the fitted one"
+            if math.isfinite(there)
+            else "the model with what was found is not finite"
+        )
+        clue = (
+            f"{judged} {missed}: what was found does not carry over, or that record shows what "
+            "this one cannot. Fit both together."
+        )
+    elif not math.isfinite(there):
+        clue = (
+            f"{judged} the model is not finite, so that no effect could be judged there: judge on "
+            "another record, or fit both together."
+        )
+    else:
+        return found
     return Structure(True, (*found.clues, clue), only_elsewhere=not found.left)
 
 
@@ -375,7 +381,7 @@ def _sentences(left: Unexplained | None) -> tuple[str, ...]:
 
 
 def _finite(number: float | None) -> float | None:
-    """JSON has no NaN: a deviation that is not known is null."""
+    """JSON has neither NaN nor infinity: what is not known or not finite is null."""
     return None if number is None or not math.isfinite(number) else number
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import final
 
@@ -12,6 +13,7 @@ from piezo_opt.diagnosis.scores import long_run_variance
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.measurement import Measurement
+from piezo_opt.units import show
 
 FloatArray = NDArray[np.float64]
 
@@ -88,6 +90,13 @@ def elsewhere(fit: Fit, held: HeldOut) -> FloatArray | None:
 def rms(error: FloatArray | None) -> float | None:
     """Root mean square, None for None."""
     return None if error is None else float(np.sqrt(np.mean(error**2)))
+
+
+def worded(error: float | None) -> str:
+    """A held-out error [m] in words; nothing where nothing is held out."""
+    if error is None:
+        return ""
+    return show(error, "m") if math.isfinite(error) else "not finite"
 
 
 def agrees(before: FloatArray | None, after: FloatArray | None, fitted: float = np.inf) -> bool:

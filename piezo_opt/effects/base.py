@@ -252,15 +252,21 @@ class Effect(ABC):
             raise ModelError(
                 f"Effect {cls.__name__} declares no place: write place = Place.STRAIN."
             )
-        for name, parameter in cls._parameters.items():
-            options = (parameter.when, parameter.unless, parameter.freed, parameter.given)
-            for option in filter(None, options):
-                if option not in body.get("__annotations__", {}):
-                    raise ModelError(
-                        f"Effect {cls.__name__}: the parameter '{name}' depends on the option "
-                        f"'{option}', which is not declared: write {option}: "
-                        f"{'float = ...' if option == parameter.given else 'bool = False'}."
-                    )
+        options = [
+            *(
+                (f"parameter '{name}'", option, option == p.given)
+                for name, p in cls._parameters.items()
+                for option in (p.when, p.unless, p.freed, p.given)
+            ),
+            *((f"state '{name}'", s.unless, False) for name, s in cls._states.items()),
+        ]
+        for member, option, number in options:
+            if option and option not in body.get("__annotations__", {}):
+                raise ModelError(
+                    f"Effect {cls.__name__}: the {member} depends on the option '{option}', which "
+                    f"is not declared: write {option}: "
+                    f"{'float = ...' if number else 'bool = False'}."
+                )
         gates = [k for k, v in cls._parameters.items() if v.null is not None]
         if not cls.structural and len(gates) != 1:
             raise ModelError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from piezo_opt.comparison import Entry, compare
 from piezo_opt.diagnosis import Diagnosis
+from piezo_opt.diagnosis.held_out import worded
 from piezo_opt.diagnosis.rivals import in_words
 from piezo_opt.report import diagnosis_figures, figures
 from piezo_opt.report.chapters import (
@@ -137,7 +138,7 @@ def _ladder(diagnosis: Diagnosis) -> list[Block]:
                 ("added", tuple(s.name for s in steps)),
                 ("rms before", tuple(show(s.rms_before, "m") for s in steps)),
                 ("rms after", tuple(show(s.rms_after, "m") for s in steps)),
-                ("held out after", tuple(_length(s.held_out_after) for s in steps)),
+                ("held out after", tuple(worded(s.held_out_after) for s in steps)),
                 ("BIC falls by", tuple(f"{s.delta_bic:.0f}" for s in steps)),
                 ("cannot be told from", tuple(", ".join(s.group[1:]) for s in steps)),
             ),
@@ -153,10 +154,6 @@ def _ladder(diagnosis: Diagnosis) -> list[Block]:
             f"{', '.join(diagnosis.dropped)}."
         )
     return [*blocks, *([Points(tuple(said))] if said else [])]
-
-
-def _length(metres: float | None) -> str:
-    return "" if metres is None else show(metres, "m")
 
 
 def _left_over(diagnosis: Diagnosis) -> list[Block]:
@@ -198,7 +195,7 @@ def _rivals(diagnosis: Diagnosis) -> list[Block]:
             (
                 ("law", tuple(r.name for r in found)),
                 ("rms", tuple(show(r.rms, "m") for r in found)),
-                ("held out", tuple(_length(r.held_out) for r in found)),
+                ("held out", tuple(worded(r.held_out) for r in found)),
                 ("BIC falls by", tuple(f"{r.delta_bic:.0f}" for r in found)),
                 ("does without", tuple(", ".join(r.without) for r in found)),
                 ("better", tuple("yes" if r.better else "no" for r in found)),

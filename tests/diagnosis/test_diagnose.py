@@ -13,10 +13,12 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis import Diagnosis, diagnose
+from piezo_opt.diagnosis.rivals import Rival
 from piezo_opt.diagnosis.structure import Structure
 from piezo_opt.effects import (
     BoucWen,
     Creep,
+    CubicStiffness,
     Effect,
     MainsPickup,
     Offset,
@@ -32,6 +34,7 @@ from tests.diagnosis.plants import (
     MOVING,
     NOISE,
     STILL,
+    TRUTH,
     but,
     clock,
     fitted,
@@ -153,6 +156,19 @@ def test_a_deviation_that_is_not_known_is_null(missing: Diagnosis) -> None:
     data = replace(missing, steps=(replace(step, fit=unsure),)).to_dict()
     assert data["steps"][0]["parameters"]["creep.c"]["std"] is None
     json.dumps(data, allow_nan=False)
+
+
+def test_an_error_without_end_is_null_and_called_so(missing: Diagnosis) -> None:
+    """A record that a model cannot be simulated on is missed by more than any number."""
+    (step,) = missing.steps
+    lost = replace(step, held_out_before=np.inf, held_out_after=np.inf)
+    law = Rival("dahl", 1e-8, np.inf, -4.0, better=False)
+    diagnosis = replace(missing, steps=(lost,), rivals=(law,))
+    data = json.loads(json.dumps(diagnosis.to_dict(), allow_nan=False))
+    assert (data["steps"][0]["held_out_before"], data["steps"][0]["held_out_after"]) == (None, None)
+    assert data["rivals"][0]["held_out"] is None
+    assert str(diagnosis).count("not finite") == 2
+    assert "inf" not in str(diagnosis).split("Advice")[0]
 
 
 def test_words(missing: Diagnosis, complete: Diagnosis, unexplained: Diagnosis) -> None:
@@ -341,12 +357,28 @@ def test_slow_noise_is_as_large_on_the_other_record(
     here: float, there: float, carries: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "elsewhere", lambda *_: np.array([there, -there]))
-    ladder: Any = SimpleNamespace(steps=("drift",), final=SimpleNamespace(rms=here))
     held: Any = SimpleNamespace(record=SimpleNamespace(name="test"))
     floor: Any = SimpleNamespace(rms=1.0)
-    left = module._elsewhere(Structure(False, ()), ladder, held, floor)
-    assert left.left is not carries
-    assert any("is not finite" in clue for clue in left.clues) == np.isinf(there)
+    for steps in (("drift",), ()):
+        ladder: Any = SimpleNamespace(steps=steps, final=SimpleNamespace(rms=here))
+        left = module._elsewhere(Structure(False, ()), ladder, held, floor)
+        # With nothing found there is nothing that could carry over: a base model may miss more.
+        assert left.left == (np.isinf(there) or (bool(steps) and not carries))
+        assert any("is not finite" in clue for clue in left.clues) == np.isinf(there)
+
+
+def test_a_record_that_the_base_model_is_not_finite_on_judges_nothing() -> None:
+    """A softening spring has a largest stroke."""
+    time = clock(600)
+    drive = 12.0 * np.sin(2 * np.pi * 10.0 * time)
+    small = measured(MOVING, time, drive, (CubicStiffness(), {"k3": -4e15}))
+    model, start = MOVING + CubicStiffness(), {**TRUTH, "cubic_stiffness.k3": -4e15}
+    fit = po.solve(po.Identification(model, small), start=start)
+    far = small.with_(drive=8.0 * drive).rename("far")
+    found = diagnose(fit, test=far, advise=False, rivals=False, withhold=but("creep"))
+    assert (found.verdict, found.steps) == ("unexplained", ())
+    assert any("'far', the model is not finite" in clue for clue in found.structure.clues)
+    assert "the record that is judged on is not predicted as well" in found.headline
 
 
 def _played(noise: float) -> po.Fit:

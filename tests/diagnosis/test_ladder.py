@@ -563,7 +563,7 @@ def test_a_warm_up_that_runs_out_within_the_record_is_a_drift() -> None:
     warm = Drift(settling=True), {"rate": -8e-7, "tau": 0.4}
     record = measured(STILL, time, rich(time), warm)
     base = fitted(STILL, record)
-    forms: list[Effect] = [Drift(), Drift(wandering=True), Drift(settling=True)]
+    forms: list[Effect] = [Drift(**options) for options in Drift.variants]
     offered = [*forms, Creep(), Creep(elements=1), SensorLag(), AmplifierLag(), RateDependence()]
     ladder = climb(base, hold_out(base.question, None), offered)
     assert [step.effect for step in ladder.steps] == [Drift(settling=True)]
@@ -575,7 +575,8 @@ def test_what_was_scored_in_one_form_is_not_called_unscored() -> None:
     """Without a velocity smooth friction has no place; friction with presliding has."""
     time = clock()
     base = fitted(STILL, measured(STILL, time, rich(time)))
-    offered: list[Effect] = [Friction(), Friction(smooth=True)]
+    offered: list[Effect] = [Friction(**options) for options in Friction.variants]
+    assert offered == [Friction(), Friction(smooth=True)]
     both = climb(base, hold_out(base.question, None), offered)
     assert {suspect.name for suspect in both.suspects} == {"friction"}
     assert both.unscored == ()

@@ -13,6 +13,7 @@ from piezo_opt.effects import (
     BoucWen,
     Creep,
     DeadZone,
+    Friction,
     PiezoGain,
     Saturation,
     SecondMode,
@@ -59,6 +60,12 @@ def test_of_a_coarse_shape_every_second_value_is_tried() -> None:
     assert taus < every
     assert min(every) < 0.5 * RECORD.step < min(taus)
     assert len(rates) == 6
+
+
+def test_velocities_lie_below_the_usual_one() -> None:
+    pace = np.sqrt(np.mean(np.gradient(RECORD.position, RECORD.time) ** 2))
+    tried = [p["w_c"] / pace for p in shape_grid(Friction(smooth=True), RECORD, REST)]
+    assert (len(tried), min(tried), max(tried)) == (5, pytest.approx(0.01), pytest.approx(1.0))
 
 
 def test_times_span_the_record() -> None:

@@ -40,6 +40,13 @@ def test_one_record_has_plain_names_and_its_memory_is_unknown() -> None:
     assert dict(found.kept) == {"bouc_wen.n": 1.0, "bouc_wen.h_s": 1e-6}
 
 
+def test_where_a_lag_begins_is_asked_only_without_mechanics() -> None:
+    """Beside mechanics, which take that up, a lag would always beat a delay."""
+    for model, asked in ((STILL, True), (MOVING, False)):
+        names = listed(po.Identification(model + AmplifierLag(), RECORD)).names
+        assert ("initial.amplifier_lag.z" in names) is asked
+
+
 def test_a_virgin_start_leaves_no_memory_to_estimate() -> None:
     found = listed(po.Identification(MOVING, RECORD, start=po.Start.REST))
     assert not [n for n in found.names if n.startswith("initial.")]
