@@ -127,6 +127,7 @@ class _Assembler:
         self.drive = _signal("drive")
         self.free = _signal("free")
         self.acceleration = ca.SX.sym("acceleration")
+        self.law = ca.SX.sym("law")
         self.moves: dict[str, Expression] = {}
         self.starts: dict[str, Expression] = {}
         self.becomes: dict[str, Expression] = {}
@@ -159,6 +160,7 @@ class _Assembler:
             incoming=incoming,
             drive=self.drive,
             hysteresis=ca.SX(0.0) if loop is None else self.x[loop],
+            law=self.law,
             free=self.free,
             position=position,
             acceleration=self.acceleration,
@@ -235,6 +237,7 @@ class _Assembler:
         motion = self._sum(Place.MOTION)
         chain = self._chain(self.command)
         reading = self._line(Place.OUTPUT, chain.position.value, chain.position.rate)
+        law = self.moves.get(self.loop_state or "", ca.SX(0.0))
         if self.loop_state is not None:
             # A law that jumps along the drive has no rate for other effects to add to.
             if self.loop_state in self.moves:
@@ -257,6 +260,7 @@ class _Assembler:
             "rate of the drive": (self.drive.rate, total_rate(drive)),
             "rate of the free displacement": (self.free.rate, total_rate(free)),
             "acceleration": (self.acceleration, resolve_values(motion / self.inertia)),
+            "rate of the loop by its law": (self.law, resolve_values(law)),
         }
         if self.position_state is not None and self.velocity_state is None:
             if ca.depends_on(motion, self.velocity):
@@ -390,6 +394,7 @@ class _Assembler:
             *self.dx.values(),
             self.acceleration,
             self.velocity,
+            self.law,
         ]
         at_rest = ca.substitute([at_rest], still, [ca.SX.zeros(s.shape) for s in still])[0]
         return ca.Function("po_start", [self.time, self.command.value, c, p, deviation], [at_rest])

@@ -18,6 +18,7 @@ from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.refinements import (
     base_refinements,
     explained,
+    other_forms,
     plausible,
     shape_refinements,
     with_base_details,
@@ -182,6 +183,9 @@ def _shaped(fit: Fit, best: Rung, suspect: Suspect) -> Rung:
     for trial in shape_refinements(best.fit):
         if all(name.startswith(f"{suspect.name}.") for name in trial.refines):
             best = _better(fit, best, trial, suspect)
+    # A form that is exact in its details and the base model's may be behind without them.
+    for trial in [] if explained(best.fit) else other_forms(best.fit, suspect.name):
+        best = _better(fit, best, with_base_details(trial, suspect.name), suspect)
     return best
 
 

@@ -41,13 +41,16 @@ def shape_refinements(fit: Fit) -> list[Trial]:
     """Details of the effects that were added to the base model, and their other forms."""
     names = [name for name, effect in fit.model if not effect.structural]
     trials = [t for t in (_details(fit, name) for name in names) if t is not None]
-    return [*trials, *(t for name in names for t in _forms(fit, name))]
+    return [*trials, *(t for name in names for t in other_forms(fit, name))]
 
 
-def _forms(fit: Fit, name: str) -> list[Trial]:
+def other_forms(fit: Fit, name: str) -> list[Trial]:
     """One effect in the other forms under which a search tries it."""
     effect: Any = fit.model[name]
-    others = [replace(effect, **options) for options in effect.variants]
+    # A form is what its options say, and what the others of the forms' options are by default.
+    asked = {option for options in effect.variants for option in options}
+    kept = {option: value for option, value in effect.options.items() if option not in asked}
+    others = [type(effect)(**kept, **options) for options in effect.variants]
     if effect not in others:
         return []  # written in more detail already
     return [
@@ -65,15 +68,19 @@ def base_refinements(fit: Fit) -> list[Trial]:
     return trials if mechanics is None else [*trials, mechanics]
 
 
-def with_base_details(trial: Trial) -> Trial:
+def with_base_details(trial: Trial, also: str = "") -> Trial:
     """A trial in which the base model's details are free beside the suspect.
 
     An effect and the roundness of the loop may each explain nothing alone and all of it together.
     What was freed in vain is fixed again by :func:`lean`.
+
+    Args:
+        trial: the trial.
+        also: name of an effect whose details are free, too.
     """
     model, question = trial.question.model, trial.question
     details = [
-        f"{name}.{own}" for name, effect in model if effect.structural
+        f"{name}.{own}" for name, effect in model if effect.structural or name == also
         for own in effect.details if f"{name}.{own}" not in (*question.free, *question.fixed)
     ]  # fmt: skip
     record = question.campaign.records[0]

@@ -52,9 +52,10 @@ def shortlist(likely: Sequence[Suspect], everybody: Sequence[Suspect]) -> list[S
     is refitted too.
     """
     top = likely[0].score
-    short = [s for s in likely if s.score > 0.1 * top][:_SHORTLIST]
+    names = [*dict.fromkeys(s.name for s in likely if s.score > 0.1 * top)][:_SHORTLIST]
+    short = [s for s in likely if s.score > 0.1 * top and s.name in names]
     for suspect in everybody:
-        if len(short) >= _SHORTLIST + 2:
+        if len({s.name for s in short}) >= _SHORTLIST + 2:
             break
         listed = suspect.wrong_side or any(s.name == suspect.name for s in short)
         alike = any(abs(float(suspect.direction @ s.direction)) > _KIN for s in short[:3])

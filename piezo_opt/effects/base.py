@@ -71,8 +71,8 @@ class Parameter:
             for missing effects frees it where that pays, before it asks for another effect.
         per_record: a campaign estimates one value for every record.
         coarse: a shape that hardly changes what the effect does: a search tries every second value.
-        when, unless: name of an option of the effect with which, or without which, there is this
-            parameter: effects of several forms declare those of all.
+        when, unless: name of an option of the effect (or several: any of them) with which, or
+            without which, there is this parameter: effects of several forms declare those of all.
         freed: name of an option of the effect with which it is not fixed, but a shape as any other.
         given: name of an option of the effect that holds the nominal value in this one's place
             (the mains of a country): forms that differ in nothing else share their compiled code.
@@ -88,8 +88,8 @@ class Parameter:
     detail: bool = False
     per_record: bool = False
     coarse: bool = False
-    when: str = ""
-    unless: str = ""
+    when: str | tuple[str, ...] = ()
+    unless: str | tuple[str, ...] = ()
     freed: str = ""
     given: str = ""
 
@@ -172,6 +172,7 @@ class Chain:
         incoming: on a line: the signal as the effect before left it.
         drive: end of the INPUT line [V].
         hysteresis: the hysteretic displacement h of the model's loop [m] (0 without one).
+        law: the rate of h by its own law [m/s], before the LOOP balance adds to it.
         free: free displacement s, the sum of the STRAIN balance [m], and its rate.
         position: position x [m] and velocity x' [m/s]; equal to ``free`` when quasi-static.
         acceleration: x'' [m/s^2]: the MOTION balance; only for rates of states.
@@ -183,6 +184,7 @@ class Chain:
     incoming: Signal
     drive: Signal
     hysteresis: Expression
+    law: Expression
     free: Signal
     position: Signal
     acceleration: Expression
@@ -256,7 +258,7 @@ class Effect(ABC):
             *(
                 (f"parameter '{name}'", option, option == p.given)
                 for name, p in cls._parameters.items()
-                for option in (p.when, p.unless, p.freed, p.given)
+                for option in (*_names(p.when), *_names(p.unless), p.freed, p.given)
             ),
             *((f"state '{name}'", s.unless, False) for name, s in cls._states.items()),
         ]
@@ -267,12 +269,10 @@ class Effect(ABC):
                     f"is not declared: write {option}: "
                     f"{'float = ...' if number else 'bool = False'}."
                 )
-        gates = [k for k, v in cls._parameters.items() if v.null is not None]
-        if not cls.structural and len(gates) != 1:
-            raise ModelError(
-                f"Effect {cls.__name__} has {len(gates)} gates ({', '.join(gates) or 'none'}); "
-                "an optional effect has exactly one parameter with a null value."
-            )
+        gates = {k: v for k, v in cls._parameters.items() if v.null is not None}
+        always = [k for k, v in gates.items() if not v.when and not v.unless]
+        if not cls.structural and (not gates or len(always) > 1):
+            raise _miscounted(cls.__name__, list(gates))
 
     def __post_init__(self) -> None:
         for name, size in self.states.items():
@@ -289,6 +289,9 @@ class Effect(ABC):
                     f"{self.name}: the option '{p.given}' is {given!r}; give the {p.meaning} as a "
                     f"number from {low:g} to {high:g} {p.unit}."
                 )
+        gates = [k for k, v in self.parameters.items() if v.null is not None]
+        if not self.structural and len(gates) != 1:
+            raise _miscounted(f"{self!r}", gates)
 
     @abstractmethod
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
@@ -324,8 +327,12 @@ class Effect(ABC):
         return {
             k: self._formed(p)
             for k, p in self._parameters.items()
-            if (not p.when or getattr(self, p.when)) and not (p.unless and getattr(self, p.unless))
+            if (not p.when or self._has(p.when)) and not self._has(p.unless)
         }
+
+    def _has(self, options: str | tuple[str, ...]) -> bool:
+        """Whether any of these options is set."""
+        return any(getattr(self, option) for option in _names(options))
 
     def _formed(self, parameter: Parameter) -> Parameter:
         """A parameter as this form has it."""
@@ -355,7 +362,7 @@ class Effect(ABC):
     @property
     def gate(self) -> str | None:
         """Name of the parameter whose null value makes the effect vanish; None if structural."""
-        return next((k for k, v in self._parameters.items() if v.null is not None), None)
+        return next((k for k, v in self.parameters.items() if v.null is not None), None)
 
     @property
     def details(self) -> tuple[str, ...]:
@@ -388,3 +395,14 @@ class Effect(ABC):
         from piezo_opt.effects.model import Model
 
         return Model.of(self) + other
+
+
+def _names(options: str | tuple[str, ...]) -> tuple[str, ...]:
+    return (options,) if isinstance(options, str) else options
+
+
+def _miscounted(effect: str, gates: list[str]) -> ModelError:
+    return ModelError(
+        f"Effect {effect} has {len(gates)} gates ({', '.join(gates) or 'none'}); "
+        "an optional effect has exactly one parameter with a null value."
+    )

@@ -77,6 +77,9 @@ def _values(parameter: Parameter, record: Measurement, residual: FloatArray) -> 
         return _numbers(stroke * np.geomspace(0.004, 0.3, 7))
     if unit == "1/m":
         return _numbers(np.geomspace(0.5, 100.0, 6) / stroke)
+    if unit == "m/V":
+        slope = np.polyfit(record.drive, record.position, 1)[0]
+        return _numbers(slope * np.array([0.1, 0.4, 2.0]))
     if unit == "1/V":
         return _numbers(np.geomspace(0.3, 30.0, 4) / swing)
     if unit == "rad/s":

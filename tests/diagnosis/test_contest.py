@@ -28,6 +28,7 @@ from piezo_opt.diagnosis.scores import effective_samples, score
 from piezo_opt.diagnosis.shortlist import entrants, scored
 from piezo_opt.effects import (
     AmplifierLag,
+    Asymmetry,
     Backlash,
     ChargeBackCoupling,
     Creep,
@@ -249,6 +250,10 @@ def test_the_other_form_of_an_effect_is_tried_before_another_effect() -> None:
     three = solved(fit.question.with_model(STILL + Creep()), {**fit.values, "creep.c": 0.03})
     forms = [t.question.model["creep"] for t in shape_refinements(three)]
     assert forms == [Creep(elements=7, per_decade=2), Creep(elements=1)]
+    # Forms differ in one option or in several; none is a mixture of two.
+    sided = fit.question.with_model(STILL + Asymmetry(sided=True))
+    others = [t.question.model["asymmetry"] for t in shape_refinements(solved(sided, fit.values))]
+    assert others == [Asymmetry(), Asymmetry(growing=True), Asymmetry(bent=True)]
     rungs = race(three, shape_refinements(three), 1)
     best = next(r for r in rungs if r.fit.model["creep"] == Creep(elements=1))
     assert best.fit.rms == pytest.approx(NOISE, rel=0.05)

@@ -213,6 +213,29 @@ def test_a_wide_loop_narrows_with_the_rate_or_widens_where_it_forgets_at_rest(
     assert (widths[1] < widths[0]) == narrowing
 
 
+@pytest.mark.parametrize("form", ["strengthening", "scaling"])
+def test_at_one_rate_a_loop_has_another_strength_or_another_law(form: str) -> None:
+    """All of a triangle is run through at c: alpha, or alpha, beta and gamma, are others."""
+    _, way = wander()
+    law = {"bouc_wen.alpha": 4e-8, "bouc_wen.beta": 0.05, "bouc_wen.gamma": 0.01}
+    q = RateDependence().parameters["q"].nominal
+    model = PiezoGain() + BoucWen()
+    rich = model + RateDependence(**{form: True})
+    gate, size = ("strength", 2e-8) if form == "strengthening" else ("share", 0.5)
+    for c, j in ((200.0, 0.5), (5000.0, 0.3)):
+        time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(way)))]) / c
+        own = {f"rate_dependence.{gate}": size, "rate_dependence.j": j}
+        _, found = respond(rich, time, way, {**law, **own}, 0.05 / c)
+        grown = size * (c / q) ** j
+        if form == "strengthening":
+            same = {**law, "bouc_wen.alpha": 4e-8 + grown}
+        else:
+            same = {name: (1.0 + grown) * value for name, value in law.items()}
+        _, expected = respond(model, time, way, same, 0.05 / c)
+        h = expected["bouc_wen.h"]
+        np.testing.assert_allclose(found["bouc_wen.h"], h, rtol=0, atol=1e-8 * np.ptp(h))
+
+
 def test_asymmetry_adds_what_its_integral_says() -> None:
     time = np.linspace(0.0, 2.0, 201)
     drive = 40.0 * np.minimum(time, 2.0 - time)
@@ -223,6 +246,74 @@ def test_asymmetry_adds_what_its_integral_says() -> None:
     up = 0.5e-10 * drive**2
     expected = np.where(time <= 1.0, up, 2 * 0.5e-10 * 40.0**2 - up)
     np.testing.assert_allclose(states["bouc_wen.h"], expected, rtol=1e-9, atol=1e-20)
+
+
+def loop_of(
+    asymmetry: Asymmetry | None, drive: NDArray[Any], own: Mapping[str, float]
+) -> FloatArray:
+    """h of Bouc-Wen with and without an asymmetry."""
+    law = {"bouc_wen.alpha": 4e-8, "bouc_wen.beta": 0.05, "bouc_wen.gamma": 0.01}
+    model = PiezoGain() + BoucWen()
+    values = {**law, **{f"asymmetry.{k}": v for k, v in own.items()}}
+    whole = model if asymmetry is None else model + asymmetry
+    _, states = respond(whole, np.arange(drive.size) * 1.0, drive, values, 0.05)
+    return states["bouc_wen.h"]
+
+
+def test_a_growing_loop_is_the_symmetrical_one_times_its_height() -> None:
+    _, drive = wander()
+    grown = loop_of(Asymmetry(growing=True), drive, {"growth": -6e-3, "eta": 4e-8})
+    expected = (1.0 - 6e-3 * drive) * loop_of(None, drive, {})
+    np.testing.assert_allclose(grown, expected, rtol=0, atol=1e-5 * np.ptp(expected))
+    # With a large strength at 0 V and little growth the strength alone grows: delta v v'.
+    own = {"growth": 1e-8, "eta": 1e-3, "bouc_wen.alpha": 0.0}
+    rise = np.linspace(0.0, 60.0, 61)
+    strength = loop_of(Asymmetry(growing=True), rise, own) - loop_of(None, rise, {})
+    b = 0.06  # beta + gamma, while h rises
+    exact = 1e-11 * (rise / b - (1.0 - np.exp(-b * rise)) / b**2)
+    np.testing.assert_allclose(strength, exact, rtol=1e-4, atol=1e-15)
+
+
+def test_a_loop_does_not_grow_to_the_other_side() -> None:
+    """Where it would have shrunk to nothing its height is held, and nothing is divided by zero."""
+    _, drive = wander()
+    assert np.isfinite(loop_of(Asymmetry(growing=True), drive, {"growth": -0.05})).all()
+
+
+def test_a_bent_loop_is_the_one_of_a_bent_drive() -> None:
+    _, coarse = wander()
+    drive = np.interp(np.arange(0.0, coarse.size - 1.0, 0.05), np.arange(coarse.size), coarse)
+    bent = loop_of(Asymmetry(bent=True), drive, {"growth": 8e-3})
+    expected = loop_of(None, drive + 0.5 * 8e-3 * drive**2, {})
+    np.testing.assert_allclose(bent, expected, rtol=0, atol=1e-5 * np.ptp(expected))
+
+
+@pytest.mark.parametrize(("theta", "falling"), [(0.0, 1.0), (np.pi / 2, -1.0)])
+def test_a_sided_loop_gives_way_sooner_on_one_side(theta: float, falling: float) -> None:
+    """Of the loop (h > 0, whichever way the drive goes) or of the drive (while it rises)."""
+    chi, top = 0.02, 60.0
+    drive = np.concatenate([np.linspace(0.0, top, 121), np.linspace(top, 51.0, 61)[1:]])
+    h = loop_of(Asymmetry(sided=True), drive, {"chi": chi, "theta": theta})
+    up, turn = 0.06 + chi, h[120]
+    np.testing.assert_allclose(h[:121], 4e-8 / up * (1.0 - np.exp(-up * drive[:121])), rtol=1e-5)
+    assert (h[120:] > 0.0).all()  # until here: beta - gamma on the way back, and the side's share
+    way, down = top - drive[120:], 0.04 + falling * chi
+    expected = (turn + 4e-8 / down) * np.exp(-down * way) - 4e-8 / down
+    np.testing.assert_allclose(h[120:], expected, rtol=1e-4)
+
+
+def test_rate_dependence_has_one_form() -> None:
+    assert [RateDependence(**form).gate for form in RateDependence.variants] == [
+        "r", "r", "strength", "share",
+    ]  # fmt: skip
+
+
+def test_an_asymmetry_has_one_form() -> None:
+    assert [Asymmetry(**form).gate for form in Asymmetry.variants] == [
+        "delta", "growth", "growth", "chi",
+    ]  # fmt: skip
+    with pytest.raises(ModelError, match=r"has 2 gates \(growth, chi\)"):
+        Asymmetry(bent=True, sided=True)
 
 
 def wander(size: int = 300) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -238,11 +238,11 @@ def test_typical_ranges_lie_within_the_bounds_and_bounds_are_finite(kind: type[E
 
 @pytest.mark.parametrize("kind", CATALOGUE.values(), ids=label)
 def test_a_model_survives_json(kind: type[Effect]) -> None:
-    effect = kind(**{name: 2 * size or True for name, size in kind().options.items()})
-    model = Model.of(effect) + NonlinearGain() + NonlinearGain()
-    again = model_from_dict(json.loads(json.dumps(model.to_dict())))
-    assert again == model
-    assert again[effect.name].options == effect.options
+    for effect in (kind(), *(kind(**{n: 2 * o or True}) for n, o in kind().options.items())):
+        model = Model.of(effect) + NonlinearGain() + NonlinearGain()
+        again = model_from_dict(json.loads(json.dumps(model.to_dict())))
+        assert again == model
+        assert again[effect.name].options == effect.options
 
 
 def test_an_own_effect_is_not_in_the_catalogue_and_the_error_says_so() -> None:

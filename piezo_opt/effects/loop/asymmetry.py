@@ -6,35 +6,74 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
-from piezo_opt.symbolic import abs_
+from piezo_opt.symbolic import abs_, cos, max_, sin
+
+_LEAST = 0.05
+"""Height of a growing loop over that at 0 V below which it does not fall."""
 
 
 @final
 @dataclass(frozen=True)
 class Asymmetry(Effect):
-    """Non-symmetrical hysteresis: the loop's rate depends on the sign of the drive.
+    """Non-symmetrical hysteresis: the loop is another one as the drive rises and as it falls.
 
         h' += delta v (1 + bend v^2) |v'|
+        h' += growth v' (eta v + h / (1 + growth v))   growing
+        h' += growth v L,   L the law's own h'         bent
+        h' += -chi (|v'| |h| cos(theta) + v' h sin(theta))   sided
 
-    bend is kept at 0 unless freed. |v'| in place of sign(v') keeps the loop independent of the rate
-    at which it is run through.
+    The first, with bend kept at 0 unless freed, depends on the sign of the drive; |v'| in place of
+    sign(v') keeps the loop independent of the rate at which it is run through. A growing loop is as
+    high as 1 + growth v: with eta the law's strength at 0 V (Bouc-Wen's alpha, n = 1) it is
+    (1 + growth v) times the symmetrical one, with a large eta only its strength grows. A bent one
+    is driven by v + growth v^2 / 2. A sided one gives way sooner on one side: theta = 0 where h is
+    positive, theta = pi/2 where the drive rises.
 
     References: after Zhu & Wang (2012), Sensors and Actuators A 181, 51-60 (non-symmetrical
-    Bouc-Wen model for piezoelectric ceramic actuators).
+    Bouc-Wen model for piezoelectric ceramic actuators); Song & Der Kiureghian (2006), J. Eng.
+    Mech. 132(6), 610-618 (the terms of the sided form).
     """
 
+    growing: bool = False
+    bent: bool = False
+    sided: bool = False
     place = Place.LOOP
     requires = ("loop",)
+    variants = ({"growing": False}, {"growing": True}, {"bent": True}, {"sided": True})
     delta = Parameter(
         "m/V^2", "strength of the asymmetry", nominal=0.0, bounds=(-1e-3, 1e-3),
-        typical=(-1e-10, 1e-10), null=0.0,
+        typical=(-1e-10, 1e-10), null=0.0, unless=("growing", "bent", "sided"),
     )  # fmt: skip
     bend = Parameter(
         "1/V^2", "cubic over linear growth with the drive", nominal=0.0, bounds=(-1e6, 1e6),
-        typical=(-1e-4, 1e-4), fixed=True, detail=True,
+        typical=(-1e-4, 1e-4), fixed=True, detail=True, unless=("growing", "bent", "sided"),
+    )  # fmt: skip
+    growth = Parameter(
+        "1/V", "growth of the loop with the drive", nominal=0.0, bounds=(-1e3, 1e3),
+        typical=(-1e-2, 1e-2), null=0.0, when=("growing", "bent"),
+    )  # fmt: skip
+    eta = Parameter(
+        "m/V", "strength of the loop at 0 V", nominal=3e-8, bounds=(0.0, 1e-3),
+        typical=(5e-9, 1e-7), when="growing",
+    )  # fmt: skip
+    chi = Parameter(
+        "1/V", "difference of the widths of the two sides", nominal=0.0, bounds=(-1e3, 1e3),
+        typical=(-1e-2, 1e-2), null=0.0, when="sided",
+    )  # fmt: skip
+    theta = Parameter(
+        "rad", "whether the sides are of the loop or of the drive's rate", nominal=0.0,
+        bounds=(-3.2, 3.2), typical=(0.0, 1.6), when="sided",
     )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Own share of the loop's rate."""
-        v = chain.drive.value
-        return Equations(gives=p.delta * v * (1.0 + p.bend * v * v) * abs_(chain.drive.rate))
+        v, rate, h = chain.drive.value, chain.drive.rate, chain.hysteresis
+        if self.growing:
+            height = max_(1.0 + p.growth * v, _LEAST)
+            return Equations(gives=p.growth * rate * (p.eta * v + h / height))
+        if self.bent:
+            return Equations(gives=p.growth * v * chain.law)
+        if self.sided:
+            sides = abs_(rate) * abs_(h) * cos(p.theta) + rate * h * sin(p.theta)
+            return Equations(gives=-p.chi * sides)
+        return Equations(gives=p.delta * v * (1.0 + p.bend * v * v) * abs_(rate))

@@ -12,35 +12,55 @@ from piezo_opt.symbolic import abs_, power_
 @final
 @dataclass(frozen=True)
 class RateDependence(Effect):
-    """Relaxation of the hysteretic displacement, at rest or with the rate of the drive.
+    """Relaxation of the hysteretic displacement, or another strength or size at another rate.
 
         h' += -r |v'/q|^m h,   with narrowing -r |v'/q|^k h
+        h' += strength |v'/q|^j v'   strengthening
+        h' += share |v'/q|^j L,   L the law's own h'   scaling
 
     m = 0 (the default, kept fixed): viscous relaxation, the loop forgets at the rate r even when
     the drive rests. narrowing, k = 2 (kept fixed): the hysteretic displacement at a turn falls with
     the rate, and a wide loop narrows, as Bouc-Wen's beta grown by r |v'| / q^2 would do. An
-    exponent of 1 only renames beta. q pivots the exponent, so that r keeps its unit. What looks
-    like rate dependence is often the amplifier or the mechanics.
+    exponent of 1 only renames beta. A strengthening loop is driven the harder the faster (its
+    alpha grows), of a scaling one all of the law. q pivots the exponents, so that no unit depends
+    on them. What looks like rate dependence is often the amplifier or the mechanics.
 
     References: Mayergoyz (2003), Mathematical Models of Hysteresis and Their Applications, 2nd
     ed., Elsevier (rate-dependent hysteresis).
     """
 
     narrowing: bool = False
+    strengthening: bool = False
+    scaling: bool = False
     place = Place.LOOP
-    variants = ({"narrowing": False}, {"narrowing": True})
+    variants = (
+        {"narrowing": False}, {"narrowing": True}, {"strengthening": True}, {"scaling": True},
+    )  # fmt: skip
     requires = ("loop",)
     r = Parameter(
         "1/s", "relaxation rate of the loop", nominal=0.0, bounds=(0.0, 1e15), typical=(1e-3, 10.0),
-        null=0.0,
+        null=0.0, unless=("strengthening", "scaling"),
+    )  # fmt: skip
+    strength = Parameter(
+        "m/V", "strength gained at the pivot rate", nominal=0.0, bounds=(-1e-3, 1e-3),
+        typical=(-1e-8, 1e-8), null=0.0, when="strengthening",
+    )  # fmt: skip
+    share = Parameter(
+        "1", "share by which the law grows at the pivot rate", nominal=0.0, bounds=(-10.0, 1e3),
+        typical=(-0.5, 0.5), null=0.0, when="scaling",
     )  # fmt: skip
     m = Parameter(
         "1", "exponent of the drive's rate", nominal=0.0, bounds=(0.0, 2.0), typical=(0.0, 2.0),
-        fixed=True, detail=True, unless="narrowing",
+        fixed=True, detail=True, unless=("narrowing", "strengthening", "scaling"),
     )  # fmt: skip
     k = Parameter(
         "1", "exponent of the drive's rate when narrowing", nominal=2.0, bounds=(1.05, 3.0),
         typical=(1.2, 2.5), fixed=True, detail=True, when="narrowing",
+    )  # fmt: skip
+    j = Parameter(
+        "1", "exponent of the drive's rate when strengthening or scaling", nominal=0.5,
+        bounds=(0.02, 3.0), typical=(0.1, 1.0), fixed=True, detail=True,
+        when=("strengthening", "scaling"),
     )  # fmt: skip
     q = Parameter(
         "V/s", "rate of the drive at which the exponent pivots", nominal=1e4, bounds=(1e-6, 1e9),
@@ -49,6 +69,10 @@ class RateDependence(Effect):
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Own share of the loop's rate."""
-        exponent = p.k if self.narrowing else p.m
-        rate = power_(abs_(chain.drive.rate) / p.q, exponent)
+        pace = abs_(chain.drive.rate) / p.q
+        if self.strengthening:
+            return Equations(gives=p.strength * power_(pace, p.j) * chain.drive.rate)
+        if self.scaling:
+            return Equations(gives=p.share * power_(pace, p.j) * chain.law)
+        rate = power_(pace, p.k if self.narrowing else p.m)
         return Equations(gives=-p.r * rate * chain.hysteresis)
