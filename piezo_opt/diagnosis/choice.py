@@ -129,18 +129,20 @@ def ordered(
     What the model has already comes before effects that do hardly better on both, or on the
     fitted one without strong evidence: a detail that is right may reach beyond a record of
     another kind no better than one that is wrong. Where nothing is held out the information
-    criterion decides, and the scores between those that it hardly tells apart.
+    criterion decides, and the scores between those that it hardly tells apart; rarer forms of
+    effects are behind the usual ones then.
     """
     if not rungs:
         return []
     if held.record is None:
         # Nothing else decides: the information criterion; where that hardly prefers one, the
-        # scores, which no search has bent.
+        # scores, which no search has bent, of the forms that are expected.
         enough = _ENOUGH * min(r.fit.rms for r in rungs)
-        entering = [(r.suspect.score, r) for r in rungs if r.suspect is not None]
+        entering = [(r.suspect, r) for r in rungs if r.suspect is not None]
         strongest = max((r.delta_bic for _, r in entering), default=-np.inf)
         alike = [(s, r) for s, r in entering if r.delta_bic > strongest - _HARDLY]
-        _, likely = max(alike, key=lambda pair: pair[0], default=(0.0, None))
+        alike.sort(key=lambda pair: (pair[0].effect.rare, -pair[0].score))
+        likely = alike[0][1] if alike else None
         first = sorted(
             rungs, key=lambda r: (r.suspect is not None or r.fit.rms > enough, r is not likely)
         )

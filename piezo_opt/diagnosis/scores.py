@@ -172,12 +172,11 @@ def score(
 
 
 def by_name(suspects: Sequence[Suspect]) -> tuple[Suspect, ...]:
-    """One suspect a name: the best of an effect's variants."""
-    return tuple({s.name: s for s in reversed(suspects)}[n] for n in _names(suspects))
-
-
-def _names(suspects: Sequence[Suspect]) -> list[str]:
-    return list(dict.fromkeys(s.name for s in suspects))
+    """One suspect a name: the best of an effect's usual forms, of others where it has none here."""
+    best: dict[str, Suspect] = {}
+    for suspect in sorted(suspects, key=lambda s: (s.effect.rare, -s.score, s.p_value)):
+        best.setdefault(suspect.name, suspect)
+    return tuple(sorted(best.values(), key=lambda s: (-s.score, s.p_value)))
 
 
 def _best(effect: Effect, point: BasePoint, directions: list[Direction]) -> _Best:

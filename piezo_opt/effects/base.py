@@ -238,6 +238,8 @@ class Effect(ABC):
 
     variants: ClassVar[tuple[Mapping[str, Any], ...]] = ({},)
     """Options under which a search tries the effect; none: only where it is offered."""
+    rarer: ClassVar[tuple[str, ...]] = ()
+    """Options of rarer forms: tried as well, but scores are told of the usual ones."""
 
     redundant: ClassVar[int] = 0
     """Parameters beyond the numbers that act; what counts parameters does not count these."""
@@ -368,6 +370,11 @@ class Effect(ABC):
     def details(self) -> tuple[str, ...]:
         """Names of the parameters that a diagnosis frees where the record pays for it."""
         return tuple(k for k, v in self.parameters.items() if v.detail)
+
+    @property
+    def rare(self) -> bool:
+        """Whether this is one of the effect's rarer forms."""
+        return self._has(self.rarer)
 
     @property
     def options(self) -> dict[str, Any]:

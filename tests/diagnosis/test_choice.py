@@ -41,8 +41,8 @@ def suspect(name: str, angle: float = 90.0, *, wrong_side: bool = False) -> Any:
     """An effect whose direction is so many degrees off the first axis."""
     turn = np.deg2rad(angle)
     return SimpleNamespace(
-        name=name, effect=None, p_value=0.0, score=0.0, wrong_side=wrong_side,
-        direction=np.array([np.cos(turn), np.sin(turn)]),
+        name=name, effect=SimpleNamespace(rare=False), p_value=0.0, score=0.0,
+        wrong_side=wrong_side, direction=np.array([np.cos(turn), np.sin(turn)]),
     )  # fmt: skip
 
 
@@ -154,6 +154,11 @@ def test_with_nothing_held_out_the_likelier_suspect_wins_where_bic_hardly_prefer
             assert rung.suspect is not None
             vars(rung.suspect)["score"] = score
         assert asked([strong, other, likely], UNJUDGED)[0] == first
+        # A rarer form of an effect is behind the usual ones, whatever its score.
+        rare = effect("rare", 1.0, gain=99.9)
+        assert rare.suspect is not None
+        vars(rare.suspect).update(score=0.9, effect=SimpleNamespace(rare=True))
+        assert asked([strong, other, likely, rare], UNJUDGED)[0] == first
 
 
 @pytest.mark.parametrize("raised", [InputError("no"), ZeroDivisionError("no"), None])

@@ -251,6 +251,16 @@ def test_variants_are_one_suspect_by_name(still: BasePoint) -> None:
     assert suspect_of(merged, "creep") is best
 
 
+def test_scores_are_told_of_usual_forms_where_an_effect_has_one(still: BasePoint) -> None:
+    forms = [Asymmetry(**options) for options in Asymmetry.variants]
+    suspects, _ = score(still, [*forms, Drift()])
+    told = by_name(suspects)
+    assert suspect_of(told, "asymmetry").effect == Asymmetry()
+    assert [s.score for s in told] == sorted((s.score for s in told), reverse=True)
+    (alone,) = by_name(tuple(s for s in suspects if s.effect == Asymmetry(bent=True)))
+    assert alone.effect == Asymmetry(bent=True)
+
+
 @final
 @dataclass(frozen=True)
 class Divides(Effect):

@@ -40,6 +40,7 @@ class Asymmetry(Effect):
     place = Place.LOOP
     requires = ("loop",)
     variants = ({"growing": False}, {"growing": True}, {"bent": True}, {"sided": True})
+    rarer = ("growing", "bent", "sided")
     delta = Parameter(
         "m/V^2", "strength of the asymmetry", nominal=0.0, bounds=(-1e-3, 1e-3),
         typical=(-1e-10, 1e-10), null=0.0, unless=("growing", "bent", "sided"),

@@ -36,6 +36,7 @@ class RateDependence(Effect):
     variants = (
         {"narrowing": False}, {"narrowing": True}, {"strengthening": True}, {"scaling": True},
     )  # fmt: skip
+    rarer = ("strengthening", "scaling")
     requires = ("loop",)
     r = Parameter(
         "1/s", "relaxation rate of the loop", nominal=0.0, bounds=(0.0, 1e15), typical=(1e-3, 10.0),
