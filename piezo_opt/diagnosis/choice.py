@@ -20,7 +20,7 @@ from piezo_opt.diagnosis.refinements import (
 )
 from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, Trial, adding, finely, race
 from piezo_opt.diagnosis.scores import Suspect
-from piezo_opt.diagnosis.shortlist import entrants, further, shortlist
+from piezo_opt.diagnosis.shortlist import entrants, further, scored, shortlist
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.identification import Fit
 
@@ -37,6 +37,8 @@ _TOLERATED = 1.1
 """Held-out error over that before up to which a detail is taken."""
 _ABOVE = 1.3
 """Residual over the floor at the highest frequencies from which it may be no noise."""
+_MOVED = 0.7
+"""Error with mechanics over that with any suspect below which suspects are asked beside them."""
 _HALVED = 0.5
 """Error over that before below which far more has been explained than is left."""
 _HARDLY = 6.0
@@ -86,6 +88,8 @@ def refits(
     if short or trials:
         tell(_refitting(short))
         rungs = race(fit, [*trials, *(with_base_details(adding(fit, s)) for s in short)], threads)
+        moving = _on_mechanics(fit, rungs, suspects, bar, threads)
+        rungs += race(fit, moving, threads) if moving else []
     closest = min((r.fit for r in rungs), key=lambda f: f.rms, default=fit)
     floor = noise_floor(closest).rms
     calm = settled(closest)
@@ -110,6 +114,27 @@ def refits(
         rungs += race(fit, [with_base_details(trial) for trial in fresh], threads)
         found = _contested(fit, rungs, held, threads)
     return found
+
+
+def _on_mechanics(
+    fit: Fit, rungs: Sequence[Rung], suspects: Sequence[Suspect], bar: float, threads: int
+) -> list[Trial]:
+    """Suspects beside mechanics that a fit left out and that explain more than all of them do.
+
+    Alone these mechanics may be no more than a lag in their guise; beside the effect that bends
+    them the resonance shows.
+    """
+    moved = [r for r in rungs if r.suspect is None and not r.fit.model.quasi_static]
+    least = min((r.fit.rms for r in rungs if r.suspect is not None), default=fit.rms)
+    if not fit.model.quasi_static or not moved:
+        return []
+    best = min(moved, key=lambda r: r.fit.rms)
+    if best.fit.rms > _MOVED * least or plausible(best):
+        return []
+    there, _ = scored(best.fit, [s.effect for s in suspects], threads)
+    likely = [s for s in there if s.p_value < bar]
+    short = shortlist(likely, there) if likely else []
+    return [with_base_details(adding(fit, s)) for s in short]
 
 
 def _contested(fit: Fit, rungs: Sequence[Rung], held: HeldOut, threads: int) -> list[Rung]:

@@ -20,6 +20,8 @@ from piezo_opt.errors import InputError
 class Named(dict[str, Any]):
     """Effects by name, iterated in pairs as a model is."""
 
+    quasi_static = False
+
     def __iter__(self) -> Iterator[Any]:
         return iter(self.items())
 
@@ -492,3 +494,62 @@ def test_what_leaves_but_noise_is_fitted_finely_before_it_is_refused(
         assert label(rung) == "fringes"
         assert rung.fit.elsewhere == fine_error
         assert rms(error) == pytest.approx(fine_error)
+
+
+@pytest.mark.parametrize(
+    ("still", "moved", "shows", "asked"),
+    [
+        (True, 3.4, False, True), (True, 3.6, False, False),
+        # Mechanics that show a resonance are found for themselves; a model may have some already.
+        (True, 3.4, True, False), (False, 3.4, False, False),
+    ],
+)  # fmt: skip
+def test_suspects_are_asked_beside_mechanics_that_explain_more_than_all_of_them(
+    still: bool, moved: float, shows: bool, asked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A saturation hides the resonance: mechanics alone look like a lag, 29 of 55 noises."""
+
+    def on(rung: Rung, quasi_static: bool) -> Rung:
+        rung.fit.model.quasi_static = quasi_static
+        return rung
+
+    below = fit(9.0)
+    below.model.quasi_static = still
+    mechanics = on(detail("second_order", moved), quasi_static=False)
+    rungs = [on(effect("creep", 5.0), still), on(effect("drift", 6.0), still), mechanics]
+    there = (suspect("saturation"), suspect("delay"))
+    vars(there[1])["p_value"] = 0.5
+    grounds: list[Any] = []
+
+    def scored(ground: Any, *_: object) -> Any:
+        grounds.append(ground)
+        return there, ()
+
+    monkeypatch.setattr(choice, "plausible", lambda _: shows)
+    monkeypatch.setattr(choice, "scored", scored)
+    monkeypatch.setattr(choice, "shortlist", lambda likely, _: likely)
+    monkeypatch.setattr(choice, "adding", lambda at, s: (at, s.name))
+    monkeypatch.setattr(choice, "with_base_details", lambda trial: trial)
+    trials = choice._on_mechanics(below, rungs, there, 1e-3, 1)
+    assert trials == ([(below, "saturation")] if asked else [])
+    assert grounds == ([mechanics.fit] if asked else [])
+
+
+@pytest.mark.usefixtures("unit_noise")
+def test_who_is_asked_beside_mechanics_enters_the_contest(monkeypatch: pytest.MonkeyPatch) -> None:
+    alone, beside = effect("creep", 5.0), effect("saturation", 1.0)
+    contested: list[Rung] = []
+
+    def contest(_: Any, rungs: list[Rung], *__: object, **___: object) -> list[Rung]:
+        contested.extend(rungs)
+        return rungs
+
+    monkeypatch.setattr(choice, "refinements", lambda _: ["trial"])
+    monkeypatch.setattr(choice, "_on_mechanics", lambda *_: ["beside"])
+    monkeypatch.setattr(choice, "race", lambda _, t, __: [beside] if t == ["beside"] else [alone])
+    monkeypatch.setattr(choice, "settled", lambda _: True)
+    monkeypatch.setattr(choice, "plausible", lambda _: True)
+    monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
+    monkeypatch.setattr(choice, "contest", contest)
+    choice.refits(fit(9.0), JUDGED, (), first=True, bar=-1.0, tell=lambda _: None, threads=1)
+    assert contested == [alone, beside]
