@@ -15,7 +15,7 @@ _LEAST = 0.05
 @final
 @dataclass(frozen=True)
 class Asymmetry(Effect):
-    """Non-symmetrical hysteresis: the loop is another one as the drive rises and as it falls.
+    """Non-symmetrical hysteresis: the loop is another one on one side, of the drive or of itself.
 
         h' += delta v (1 + bend v^2) |v'|
         h' += growth v' (eta v + h / (1 + growth v))   growing
@@ -26,8 +26,8 @@ class Asymmetry(Effect):
     sign(v') keeps the loop independent of the rate at which it is run through. A growing loop is as
     high as 1 + growth v: with eta the law's strength at 0 V (Bouc-Wen's alpha, n = 1) it is
     (1 + growth v) times the symmetrical one, with a large eta only its strength grows. A bent one
-    is driven by v + growth v^2 / 2. A sided one gives way sooner on one side: theta = 0 where h is
-    positive, theta = pi/2 where the drive rises.
+    is driven by v + growth v^2 / 2, as long as that rises with v. A sided one gives way sooner on
+    one side: theta = 0 where h is positive, theta = pi/2 where the drive rises.
 
     References: after Zhu & Wang (2012), Sensors and Actuators A 181, 51-60 (non-symmetrical
     Bouc-Wen model for piezoelectric ceramic actuators); Song & Der Kiureghian (2006), J. Eng.
