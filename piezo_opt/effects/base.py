@@ -388,7 +388,11 @@ class Effect(ABC):
 
     @property
     def equation(self) -> str:
-        """The indented block of the docstring: the equation as printed."""
+        """The indented block of the docstring, as printed: the equation of this form.
+
+        A line that ends in three spaces and the name of an option holds with that option, in the
+        place of those without one.
+        """
         lines = (inspect.getdoc(type(self)) or "").splitlines()[1:]
         block: list[str] = []
         for line in lines:
@@ -396,7 +400,14 @@ class Effect(ABC):
                 block.append(line.strip())
             elif line.strip() and block:
                 break
-        return "\n".join(block)
+        chosen = {option for option, value in self.options.items() if value is True}
+        forms: dict[str, list[str]] = {}
+        for line in block:
+            body, _, option = line.rpartition("   ")
+            tagged = option in self.options
+            forms.setdefault(option if tagged else "", []).append(body.rstrip() if tagged else line)
+        form = next((option for option in forms if option in chosen), "")
+        return "\n".join(forms.get(form, ()))
 
     def __add__(self, other: Effect | Model) -> Model:
         from piezo_opt.effects.model import Model

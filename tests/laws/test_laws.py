@@ -208,6 +208,15 @@ def test_the_docstring_has_an_equation_a_source_and_every_parameter(kind: type[E
 
 
 @each
+def test_each_form_prints_the_equation_of_its_own_parameters(kind: type[Effect]) -> None:
+    forms = [kind(**options) for options in kind.variants or ({},)]
+    everything = {name for form in forms for name in form.parameters}
+    for form in forms:
+        words = set(re.findall(r"[A-Za-z]\w*", form.equation))
+        assert everything & words == set(form.parameters), form
+
+
+@each
 def test_optional_effects_have_one_gate_that_starts_closed(kind: type[Effect]) -> None:
     effect = kind()
     gates = [k for k, p in effect.parameters.items() if p.null is not None]

@@ -14,7 +14,8 @@ from piezo_opt.symbolic import abs_, power_
 class RateDependence(Effect):
     """Relaxation of the hysteretic displacement, or another strength or size at another rate.
 
-        h' += -r |v'/q|^m h,   with narrowing -r |v'/q|^k h
+        h' += -r |v'/q|^m h
+        h' += -r |v'/q|^k h   narrowing
         h' += strength |v'/q|^j v'   strengthening
         h' += share |v'/q|^j L,   L the law's own h'   scaling
 
