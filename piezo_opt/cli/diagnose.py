@@ -110,7 +110,9 @@ def diagnose(
 
         write_report(report, found, overwrite=overwrite)
     typer.echo(str(found))
-    for sentence in (*own.remarks, *remarks):
+    # What the first fit left out, the ladder may have found.
+    joined = baseline.model.quasi_static and not found.final.model.quasi_static
+    for sentence in (*own.remarks, *(() if joined else remarks)):
         typer.echo(f"Remark: {sentence}")
     if drives is not None:
         _play(found, drives, overwrite=overwrite)

@@ -16,7 +16,7 @@ from piezo_opt.effects import PrandtlIshlinskii
 from piezo_opt.errors import InputError
 from piezo_opt.readers import write
 from problems import hidden_effect
-from tests.diagnosis.plants import but, minor_loops
+from tests.diagnosis.plants import MOVING, STILL, but, clock, measured, minor_loops, rich
 
 LOOP = str(datasets.path("thesis/hysteresis.csv"))
 HEAD = """
@@ -119,6 +119,22 @@ def test_names_what_is_missing_and_writes_it_down(parts: tuple[Path, Path], tmp_
     assert all(0.0 <= s["visibility"] <= 1.0 for s in data["suspects"])
     assert any("repeat the drive" in sentence for sentence in data["advice"])
     assert "Diagnosis: missing" in page.read_text(encoding="utf-8")
+
+
+def test_mechanics_that_were_found_are_not_said_to_be_unseen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first fit saw none; the sentence on that holds until the ladder finds them."""
+    remark = "the mechanics are taken as quasi-static"
+    monkeypatch.setattr("piezo_opt.cli.inputs.default_model", lambda _: (STILL, (remark,)))
+    withheld = [word for name in but("creep") for word in ("--withhold", name)]
+    for base in (MOVING, STILL):
+        record, moves = tmp_path / "record.csv", base is MOVING
+        write(measured(base, clock(), rich(clock())), record, overwrite=True)
+        done = run("diagnose", record, *withheld)
+        assert done.exit_code == 0, done.output
+        assert done.stdout.startswith("Complete once second_order is" if moves else "Complete:")
+        assert (remark in done.stdout) is not moves
 
 
 def test_withheld_effects_are_not_considered(parts: tuple[Path, Path], tmp_path: Path) -> None:
