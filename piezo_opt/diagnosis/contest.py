@@ -18,6 +18,7 @@ from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.refinements import (
     base_refinements,
     explained,
+    massless,
     other_forms,
     plausible,
     shape_refinements,
@@ -78,12 +79,12 @@ def contest(
         # A law with more freedom gets there first; in its details another one may be exact.
         level = [r for r in named if r.fit.rms < _LEVEL * best.rms][:_MOST]
         # Forces bring mechanics with them; whoever stands without has the same right to them.
-        still = [r for r in named if r.fit.model.quasi_static and r.fit.rms < _NEAR * best.rms]
+        still = [r for r in named if massless(r.fit) and r.fit.rms < _NEAR * best.rms]
         equipped = [] if closest.model.quasi_static else still[:_MOST]
         alone = len(level) < 2 and not equipped
         with ThreadPoolExecutor(max_workers=threads) as pool:
-            founded = pool.map(lambda r: _founded(fit, r), equipped)
-            trying = [] if alone else [*level, *founded]
+            asked = [] if alone else [*level, *(r for r in equipped if r not in level)]
+            trying = list(pool.map(lambda r: _founded(fit, r), asked))
             detailed = list(pool.map(lambda r: _detailed(fit, r), trying))
             # Whoever has fewer parameters may do exactly what a law with more freedom has found.
             after = [(r, o) for o in detailed or level for r in named if _simpler(r, o)]

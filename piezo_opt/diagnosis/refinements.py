@@ -14,6 +14,7 @@ import numpy as np
 
 from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain, solved
+from piezo_opt.effects.base import Place
 from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.motion.spring import Spring
 from piezo_opt.errors import PiezoOptError
@@ -213,14 +214,29 @@ def _details(fit: Fit, name: str) -> Trial | None:
 
 
 def mechanics_trial(fit: Fit) -> Trial | None:
-    """Free mechanics for a fit that has none."""
-    if not fit.model.quasi_static:
+    """Free mechanics for a fit that has none, or none with a mass.
+
+    Forces that act on a spring without mass are as strong per omega^2 as they were there.
+    """
+    if not massless(fit):
         return None
-    model = fit.model + SecondOrder()
-    joined = model.names[-1]
+    spring = next((name for name, effect in fit.model if isinstance(effect, Spring)), "")
+    mechanics = SecondOrder()
+    model = fit.model.replaced(spring, mechanics) if spring else fit.model + mechanics
+    joined = next(name for name, effect in model if effect == mechanics)
     question = fit.question.with_model(model)
+    softness = {
+        gate: fit.values[gate] / fit.values[f"{spring}.omega"] ** 2
+        for name, gate in fit.model.gates.items()
+        if spring and fit.model[name].place is Place.MOTION
+    }
     try:
-        found = resonance_start(question, fit.values, fit.residual(0), joined)
+        found = resonance_start(question, fit.values, fit.residual(0), joined, softness)
     except (PiezoOptError, ArithmeticError):
         return None
     return None if found is None else Trial(question, found, refines=(joined,))
+
+
+def massless(fit: Fit) -> bool:
+    """Whether a fit has no mechanics, or forces on a spring in their place."""
+    return fit.model.quasi_static or any(isinstance(effect, Spring) for _, effect in fit.model)

@@ -146,7 +146,7 @@ def _base_start(
             if n not in settled and n == frequencies[0].rpartition(".")[0] + ".zeta"
         ]  # fmt: skip
         best = _scan_resonance(
-            search, start, frequencies[0], dampings, resonances(record, residual)
+            search, start, frequencies[0], dampings, resonances(record, residual), {}
         )
     else:
         best = _scan_widths(search, start, shapes, swing)
@@ -154,7 +154,11 @@ def _base_start(
 
 
 def resonance_start(
-    question: Identification, values: Mapping[str, float], residual: FloatArray, mechanics: str
+    question: Identification,
+    values: Mapping[str, float],
+    residual: FloatArray,
+    mechanics: str,
+    softness: Mapping[str, float],
 ) -> Values | None:
     """Where to begin when mechanics join a quasi-static fit; None where no trial can be simulated.
 
@@ -163,6 +167,8 @@ def resonance_start(
         values: of the quasi-static fit.
         residual: (N,) measured minus modelled of the first record [m].
         mechanics: name of the second order in the model.
+        softness: strengths of forces over omega^2, by name: what they do where nothing resonates
+            they do with every omega.
     """
     light = _light(question)
     record = light.campaign.records[0]
@@ -174,6 +180,7 @@ def resonance_start(
         f"{mechanics}.omega",
         [f"{mechanics}.zeta"],
         [*resonances(record, residual), *np.geomspace(0.1, 0.9, 14) * np.pi / record.step],
+        softness,
     )
     if best == start:
         return None
@@ -412,16 +419,22 @@ def _scan_resonance(
     name: str,
     dampings: list[str],
     candidates: list[float],
+    softness: Mapping[str, float],
 ) -> dict[str, float]:
     """The best frequency at a middle damping, then the best damping there."""
+
+    def at(omega: float, zeta: float) -> dict[str, float]:
+        forces = {force: soft * omega**2 for force, soft in softness.items()}
+        return {**start, **forces, name: omega, **dict.fromkeys(dampings, zeta)}
+
     best_cost, best = np.inf, dict(start)
     middle, *others = _DAMPINGS
     for omega in candidates:
-        cost, found = search.trial({**start, name: omega, **dict.fromkeys(dampings, middle)})
+        cost, found = search.trial(at(omega, middle))
         if cost < best_cost:
             best_cost, best = cost, found
     for zeta in others if dampings else ():
-        cost, found = search.trial({**start, name: best[name], **dict.fromkeys(dampings, zeta)})
+        cost, found = search.trial(at(best[name], zeta))
         if cost < best_cost:
             best_cost, best = cost, found
     return best

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +24,7 @@ from piezo_opt.diagnosis.refinements import (
     stiffened,
     with_base_details,
 )
-from piezo_opt.diagnosis.rung import Rung, adding, bic_gain, race, solved
+from piezo_opt.diagnosis.rung import Rung, Trial, adding, bic_gain, race, solved
 from piezo_opt.diagnosis.scores import effective_samples, score
 from piezo_opt.diagnosis.shortlist import entrants, scored
 from piezo_opt.effects import (
@@ -32,6 +33,7 @@ from piezo_opt.effects import (
     Backlash,
     ChargeBackCoupling,
     Creep,
+    CubicStiffness,
     Drift,
     Effect,
     Friction,
@@ -53,6 +55,7 @@ from tests.diagnosis.plants import (
     triangle,
 )
 
+K3, OMEGA = 4e15, TRUTH["second_order.omega"]
 CUBED = NonlinearGain(), {"k2": 1e-10, "ratio": 1.5e-2}
 
 
@@ -187,6 +190,78 @@ def test_a_spring_without_mass_leaves_the_fit_alone() -> None:
     assert unscored == ()
     assert suspect.base is stiff
     assert score(BasePoint(fit), [Friction()], 1)[0] == ()
+
+
+def stiffening(frequency: float) -> tuple[po.Fit, Rung]:
+    """A guide that stiffens, on triangles; the quasi-static fit, and the cube on a spring."""
+    time = clock()
+    hidden = CubicStiffness(), {"k3": K3}
+    record = measured(MOVING, time, triangle(time, frequency), hidden)
+    below = fitted(STILL, record)
+    suspect = next(s for s in scored(below, [CubicStiffness()], 2)[0])
+    (on_a_spring,) = race(below, [adding(below, suspect)], 2)
+    assert "spring" in on_a_spring.fit.model
+    return below, on_a_spring
+
+
+def test_forces_on_a_spring_get_a_mass_and_stay_as_strong() -> None:
+    _, without = stiffening(4.0)
+    trial = refining.mechanics_trial(without.fit)
+    assert trial is not None
+    assert trial.refines == ("second_order",)
+    assert "spring" not in trial.question.model
+    # What a force does at rest is its strength over omega^2, whatever omega is.
+    softness = without.fit.values["cubic_stiffness.k3"] / without.fit.values["spring.omega"] ** 2
+    omega = trial.start["second_order.omega"]
+    assert trial.start["cubic_stiffness.k3"] == pytest.approx(softness * omega**2, rel=1e-6)
+    found = solved(trial.question, trial.start)
+    assert found.values["second_order.omega"] == pytest.approx(OMEGA, rel=0.01)
+    assert found.values["cubic_stiffness.k3"] == pytest.approx(K3, rel=0.05)
+    assert without.fit.rms > 5.0 * found.rms
+    assert found.rms == pytest.approx(NOISE, rel=0.05)
+    assert refining.mechanics_trial(found) is None
+
+
+def leading(trial: Trial, below: po.Fit) -> Rung:
+    """A refit that leaves but noise, as if it were another effect's."""
+    found = solved(trial.question, trial.start)
+    (suspect,) = scored(below, [HystereticForce()], 2)[0]
+    return Rung(replace(trial, suspect=suspect), found, bic_gain(below, found))
+
+
+def cubed(rungs: Sequence[Rung]) -> Rung:
+    """The best of a stiffening guide."""
+    return next(r for r in rungs if r.suspect and r.suspect.name == "cubic_stiffness")
+
+
+def test_contenders_on_a_spring_have_a_right_to_mechanics() -> None:
+    """Who leaves but noise stands on mechanics that the others were not given."""
+    below, without = stiffening(1.5)
+    trial = refining.mechanics_trial(without.fit)
+    assert trial is not None
+    best = cubed(contest(below, [leading(trial, below), without], below.question))
+    assert "second_order" in best.fit.model
+    assert best.fit.rms == pytest.approx(NOISE, rel=0.05)
+    assert without.fit.rms > 1.3 * best.fit.rms
+
+
+def test_contenders_close_by_have_a_right_to_the_details_of_the_base() -> None:
+    """Beside an exponent of the loop that only the leader was given another one is behind."""
+    time = clock()
+    truth = {**TRUTH, "bouc_wen.n": 1.1, "cubic_stiffness.k3": 1e15}
+    drive = rich(time)
+    blank = po.Measurement(time, drive, drive, allow_saturated=True)
+    reading = po.simulate(MOVING + CubicStiffness(), blank, truth).reading
+    white = np.random.default_rng(0).normal(size=time.size)
+    record = po.Measurement(time, drive, reading + NOISE * white, allow_saturated=True)
+    below = fitted(MOVING, record)
+    suspect = next(s for s in scored(below, [CubicStiffness()], 2)[0])
+    (behind,) = race(below, [adding(below, suspect)], 2)
+    leader = leading(with_base_details(behind.trial), below)
+    assert behind.fit.rms > 1.05 * leader.fit.rms
+    best = cubed(contest(below, [leader, behind], below.question))
+    assert "bouc_wen.n" in best.fit.question.free
+    assert best.fit.rms < 1.001 * leader.fit.rms
 
 
 def test_friction_is_named_where_the_mechanics_are_too_fast_to_be_seen() -> None:
