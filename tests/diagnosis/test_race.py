@@ -10,6 +10,7 @@ import pytest
 
 from piezo_opt.diagnosis import contest, rung
 from piezo_opt.diagnosis.rung import Rung, Trial, race
+from piezo_opt.effects import Model, SecondOrder
 from piezo_opt.errors import ModelError
 from piezo_opt.identification import Ending
 
@@ -113,6 +114,7 @@ def test_between_laws_that_leave_but_noise_their_details_decide(
 
     monkeypatch.setattr(contest, "_explained", lambda _: True)
     monkeypatch.setattr(contest, "_shaped", in_detail)
+    monkeypatch.setattr(contest, "_founded", lambda _, found: found)
     monkeypatch.setattr(contest, "_simpler", lambda *_: False)
     monkeypatch.setattr(contest, "judged", lambda _, rungs: list(rungs))
 
@@ -126,7 +128,7 @@ def test_between_laws_that_leave_but_noise_their_details_decide(
 
 def named(name: str, error: float, *, still: bool = False) -> Rung:
     fit = ending(error)
-    fit.model = SimpleNamespace(quasi_static=still)
+    fit.model = Model(()) if still else Model.of(SecondOrder())
     return Rung(Trial(None, {}, SimpleNamespace(name=name)), fit, 0.0)  # type: ignore[arg-type]
 
 
@@ -149,7 +151,7 @@ def test_who_stands_without_mechanics_gets_them_where_the_best_has_them(
     force, bent = named("cubic_stiffness", 1.0), named("sensor_curvature", 2.4, still=True)
     far = named("creep", 2.6, still=True)
     assert len(contest.contest(BELOW, [force, bent, far], BELOW)) == 5
-    assert equipped == ["sensor_curvature"]
+    assert equipped == ["cubic_stiffness", "sensor_curvature"]
     equipped.clear()
     contest.contest(BELOW, [named("drift", 1.0, still=True), bent], BELOW)
     assert equipped == []
