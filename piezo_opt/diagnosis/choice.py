@@ -34,7 +34,8 @@ strong evidence after the refit asks for more than this by itself."""
 _DETAIL = 0.02
 """Share by which the error must fall for more detail of what the model has."""
 _TOLERATED = 1.1
-"""Held-out error over that before up to which a detail is taken."""
+"""Held-out error over that before up to which a detail is taken, or a first effect that explains
+most of one record where the other shows above all something else."""
 _ABOVE = 1.3
 """Residual over the floor at the highest frequencies from which it may be no noise."""
 _MOVED = 0.7
@@ -188,12 +189,12 @@ def ordered(
     enough = (_ENOUGH if foreign else _ENOUGH**2) * both(pairs[0])
     strongest = max((r.delta_bic for r in close if r.suspect is not None), default=-np.inf)
 
-    # Of those that predict as well whoever leaves nothing but noise, and pays for fewer parameters.
+    # Of those that predict as well whoever leaves nothing but noise, and pays for fewer parameters;
+    # where that hardly tells them apart whoever predicts better.
     as_well = _AS_WELL * (rms(pairs[0][1]) or 0.0)
     named = [(r, e) for r, e in pairs if r.suspect is not None]
-    level = [r for r, e in named if (rms(e) or 0.0) <= as_well and both((r, e)) <= enough]
-    lean = max((r for r in level if explained(r.fit)), key=_gain, default=None)
-    lean = lean or max(level, key=_gain, default=None)
+    level = [(r, e) for r, e in named if (rms(e) or 0.0) <= as_well and both((r, e)) <= enough]
+    lean = _leanest([(r, e) for r, e in level if explained(r.fit)]) or _leanest(level)
 
     def later(pair: tuple[Rung, FloatArray | None]) -> tuple[bool, bool]:
         rung, _ = pair
@@ -215,8 +216,8 @@ def chosen(
 
     A detail names nothing, and what it wins on the fitted record it may lose a little of where a
     record of another kind is judged on: without it an effect would be named for its sake. What is
-    found first may leave a record of another kind as it was, if that shows far more than what is
-    then left, until the end of the ladder; beside what was found already another name must prove
+    found first may leave a record of another kind about as it was, if that shows far more than what
+    is then left, until the end of the ladder; beside what was found already another name must prove
     itself where it is judged. Where the held-out data contradict what leaves but noise, it is
     fitted finely first: the scheme's error looks like a shift of the resonance, which one record
     hardly shows and another above all.
@@ -227,10 +228,12 @@ def chosen(
         lenient = (rung.fit.rms if halved else fit.rms) if first else np.inf
         detail = rung.suspect is None
         worth = _DETAIL if detail else WORTH
-        level = detail and (rms(after) or 0.0) <= _TOLERATED * (rms(error) or np.inf)
+        there = rms(error) or 0.0
+        foreign = halved and first and FOREIGN * fit.rms < there < np.inf
+        level = (rms(after) or 0.0) <= _TOLERATED * (there or np.inf)
         if rung.fit.rms >= (1.0 - worth) * fit.rms:
             continue
-        if level or agrees(error, after, lenient):
+        if (level and (detail or foreign)) or agrees(error, after, lenient):
             return rung, after
         if not asked and explained(rung.fit):
             asked = True
@@ -246,10 +249,18 @@ def nothing_to_win(fit: Fit) -> bool:
     return (1.0 - _DETAIL) * fit.rms < noise_floor(fit).rms
 
 
-def astray(fit: Fit, held: HeldOut) -> bool:
-    """Whether a fit leaves far more than noise, or somewhat more and misses the other record."""
+def astray(fit: Fit, held: HeldOut, *, several: bool) -> bool:
+    """Whether a fit leaves far more than noise, or somewhat more and misses the other record.
+
+    Of several effects that miss it the last may stand for another one, whatever it leaves here.
+
+    Args:
+        fit: the fit.
+        held: whose record is the other one.
+        several: whether more than one effect has been found.
+    """
     over = fit.rms / noise_floor(fit).rms
-    return over > _LOST or (over > _NOISY and _mispredicts(fit, held, FOREIGN))
+    return over > _LOST or ((several or over > _NOISY) and _mispredicts(fit, held, FOREIGN))
 
 
 def _unsettled(fit: Fit, *, first: bool) -> bool:
@@ -279,5 +290,8 @@ def _refitting(suspects: Sequence[Suspect]) -> str:
     return f"refitting with {', '.join(names) or 'more detail'}"
 
 
-def _gain(rung: Rung) -> float:
-    return rung.delta_bic
+def _leanest(level: Sequence[tuple[Rung, FloatArray | None]]) -> Rung | None:
+    """Whom BIC prefers; of those that it hardly tells apart the one with the least other error."""
+    most = max((rung.delta_bic for rung, _ in level), default=0.0)
+    even = [(rung, error) for rung, error in level if most - rung.delta_bic < STRONG]
+    return min(even, key=lambda pair: rms(pair[1]) or 0.0, default=(None, None))[0]

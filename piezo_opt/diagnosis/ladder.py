@@ -38,7 +38,7 @@ FloatArray = NDArray[np.float64]
 
 _ALIKE = 0.9
 """Cosine at the foot from which two effects are the same physics in two shapes."""
-_SHAPING = 0.5
+_SHAPING = 0.6
 """Error over that before below which a look-alike has done more than shape what was found."""
 _MOST_ROUNDS = 7
 _FREEDOM = 3
@@ -248,19 +248,26 @@ class _Climb:
         )  # fmt: skip
         return self.onto(stand, fit)
 
+    def lost(self, at: _Stand, *, ended: bool = False) -> bool:
+        """Whether several effects, or where it ended as many as there are, are not the answer."""
+        several = len(at.steps) > 1
+        return (ended or several) and astray(at.fit, self.held, several=several)
+
     def reconsidered(self, at: _Stand) -> _Stand:
-        """With each earlier step asked for its place, where what is left is not noise to all.
+        """With each step asked for its place, where what is left is not noise to all.
 
         An effect that still explains a significant part, too small for a name, may be what a step
         stands for, also where it explained nothing before. A lone step that brought mechanics was
-        compared with effects that had none.
+        compared with effects that had none. And of several that miss the other record the last one
+        may have been taken before its rivals were brought as far.
         """
         joined = any(e.structural and n not in self.foot.model for n, e in at.fit.model)
         fresh = self.scored(at)
         likely = {suspect.name for suspect in fresh.now if suspect.p_value < LIKELY}
-        if not likely:
+        lost = self.lost(at)
+        if not likely and not lost:
             return fresh
-        return self.exchanged(fresh, last=joined or len(at.steps) == 1, also=likely)
+        return self.exchanged(fresh, last=joined or len(at.steps) == 1 or lost, also=likely)
 
     def grouped(self, at: _Stand) -> _Stand:
         """With the groups of the earlier steps as the record tells them beside the later ones."""
@@ -292,9 +299,11 @@ def climb(
     bottom = at.error
     ended = paired = False
     for _ in range(_MOST_ROUNDS):
-        if not (paired or ended) and len(at.steps) > 1 and astray(at.fit, held):
+        lost = not paired and way.lost(at, ended=ended)
+        if lost and not ended:
             at = way.detailed(at)
-        if not paired and (ended or len(at.steps) > 1) and astray(at.fit, held):
+            lost = way.lost(at)
+        if lost:
             paired = True
             both = way.together(at)
             at, ended = (at, ended) if both is None else (both, False)
@@ -310,9 +319,9 @@ def climb(
         else:
             richer = way.named(at, rung, after, group)
         at = way.revised(at, richer)
-        if nothing_to_win(at.fit):
-            break
-        at = way.scored(at)
+        ended = nothing_to_win(at.fit)
+        if not ended:
+            at = way.scored(at)
     if at.steps:
         at = way.reconsidered(at)
     if at.steps and at.touched:

@@ -199,9 +199,12 @@ def _details(fit: Fit, name: str) -> Trial | None:
         finer.parameters[k].unit == "s" and v < record.step for k, v in start.items()
     ):
         finer, start = effect, {}  # a memory that is gone at the next sample needs no detail
+    # A force that a time makes of the velocity needs a mass: a spring without one holds none.
+    still = effect.place is Place.MOTION and any(isinstance(e, Spring) for _, e in fit.model)
     details = [
         k for k in finer.details
         if f"{name}.{k}" not in (*fit.question.free, *fit.question.fixed)
+        and not (still and finer.parameters[k].unit == "s")
     ]  # fmt: skip
     if finer == effect and not details:
         return None
