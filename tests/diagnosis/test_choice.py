@@ -112,6 +112,17 @@ def test_of_two_that_predict_as_well_the_one_with_fewer_parameters_is_first() ->
 
 
 @pytest.mark.usefixtures("judged")
+@pytest.mark.parametrize(("gain", "first"), [(90.1, "reaching"), (89.9, "likelier")])
+def test_of_two_that_bic_hardly_tells_apart_the_one_that_predicts_better_is_first(
+    gain: float, first: str
+) -> None:
+    """Within strong evidence, 10; friction with a Stribeck effect does nearly what a mount does."""
+    likelier = effect("likelier", 1.0, 1.005, 100.0)
+    reaching = effect("reaching", 1.0, 1.0, gain)
+    assert asked([likelier, reaching])[0] == asked([reaching, likelier])[0] == first
+
+
+@pytest.mark.usefixtures("judged")
 def test_of_two_that_predict_as_well_the_one_that_leaves_but_noise_is_first(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -464,6 +475,45 @@ def test_what_is_found_first_may_leave_another_record_as_it_was(
     after = elsewhere * before * np.sign(random.normal(size=500))
     ordered = [(effect("dead_zone", error), after)]
     assert (choice.chosen(fit(1.0), before, ordered, JUDGED, first=first) is not None) == taken
+
+
+@pytest.mark.usefixtures("judged")
+@pytest.mark.parametrize(
+    ("shown", "error", "elsewhere", "first", "taken"),
+    [
+        (3.1, 0.49, 1.09, True, True), (3.1, 0.49, 1.11, True, False),
+        # The other record shows the same thing, or most is still to be explained.
+        (2.9, 0.49, 1.09, True, False), (3.1, 0.51, 1.09, True, False),
+        # What is named beside others must prove itself.
+        (3.1, 0.49, 1.09, False, False),
+    ],
+)  # fmt: skip
+def test_a_first_effect_may_lose_a_tenth_where_the_other_record_shows_something_else(
+    shown: float, error: float, elsewhere: float, first: bool, taken: bool
+) -> None:
+    """Fringes in front of a charge that a chirp shows: nobody else takes 18 noises to 3."""
+    random = np.random.default_rng(1)
+    before = random.normal(size=500)
+    before *= shown / np.sqrt(np.mean(before**2))
+    after = elsewhere * before * np.sign(random.normal(size=500))
+    ordered = [(effect("sensor_nonlinearity", error), after)]
+    assert (choice.chosen(fit(1.0), before, ordered, JUDGED, first=first) is not None) == taken
+
+
+@pytest.mark.usefixtures("judged", "unit_noise")
+@pytest.mark.parametrize(
+    ("error", "elsewhere", "several", "astray"),
+    [
+        (2.1, 1.0, False, True), (1.9, 1.0, True, False),
+        (1.2, 3.7, False, True), (1.2, 3.5, False, False), (1.05, 3.7, False, False),
+        # Two effects may explain one record, the second in the place of another one.
+        (1.0, 3.1, True, True), (1.0, 2.9, True, False),
+    ],
+)  # fmt: skip
+def test_a_fit_is_astray_where_it_leaves_much_or_misses_the_other_record(
+    error: float, elsewhere: float, several: bool, astray: bool
+) -> None:
+    assert choice.astray(fit(error, elsewhere), JUDGED, several=several) is astray
 
 
 @pytest.mark.parametrize(

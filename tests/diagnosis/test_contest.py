@@ -485,6 +485,24 @@ def test_static_friction_and_micro_damping_are_details_of_friction() -> None:
     assert found.values["friction.stribeck"] == pytest.approx(1.4, rel=0.1)
 
 
+def test_friction_on_a_spring_without_mass_gives_way_as_it_will() -> None:
+    """Its exponent needs no mass; micro-damping, a force of the velocity itself, would."""
+    time = clock(3000, 300.0)
+    omega = 2.0 * np.pi * 400.0
+    contact = {"F": 0.02 * 7e-6 * omega**2, "z0": 6e-7, "n": 2.0}
+    hidden = (SecondOrder(), {"omega": omega, "zeta": 0.3}), (Friction(), contact)
+    drive = triangle(time, 0.35) + 20.0 * np.sin(2.0 * np.pi * 0.9 * time)
+    fit = fitted(STILL, measured(STILL, time, drive, *hidden))
+    suspects, _ = scored(fit, [Friction()], 1)
+    (rung,) = race(fit, [adding(fit, suspects[0])], 1)
+    assert "spring" in rung.fit.model
+    assert rung.fit.rms > 1.1 * NOISE
+    (details,) = (t for t in shape_refinements(rung.fit) if "friction.n" in t.refines)
+    assert details.refines == ("friction.n", "friction.stribeck", "friction.w_s")
+    found = solved(details.question, details.start)
+    assert found.rms == pytest.approx(NOISE, rel=0.03)
+
+
 def test_friction_begins_at_what_a_mount_does() -> None:
     own = {"alpha": 6e9, "beta": 3e6, "gamma": 1.0, "delta": 0.0}
     # Only the products with beta act.

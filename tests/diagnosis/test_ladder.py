@@ -408,6 +408,40 @@ def test_details_come_before_pairs_and_pairs_are_asked_for_once(
     assert [step.name for step in top.steps] == [step.name for step in ladder.steps]
 
 
+@pytest.mark.parametrize("missed", [True, False])
+def test_pairs_are_asked_for_where_two_leave_but_noise_and_miss_the_other_record(
+    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, missed: bool
+) -> None:
+    """Nothing else is: there is nothing to be won where it is fitted."""
+    ladder, held = two
+    order: list[str] = []
+    found: Any = (SimpleNamespace(suspect=True), None, ())
+    choices = iter([found])
+    both = module._Stand(ladder.final, None, (), ladder.steps)
+
+    def together(*_: Any) -> None:
+        order.append("together")
+
+    def reconsidered(_: Any, at: Any) -> Any:
+        order.append("reconsidered")
+        return at
+
+    def astray(*_: Any, several: bool) -> bool:
+        return missed and several
+
+    monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
+    monkeypatch.setattr(module, "astray", astray)
+    monkeypatch.setattr(module, "nothing_to_win", lambda _: True)
+    monkeypatch.setattr(module._Climb, "choice", lambda *_: next(choices))
+    monkeypatch.setattr(module._Climb, "named", lambda *_: both)
+    monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
+    monkeypatch.setattr(module._Climb, "together", together)
+    monkeypatch.setattr(module._Climb, "grouped", lambda _, at: at)
+    monkeypatch.setattr(module._Climb, "reconsidered", reconsidered)
+    climb(ladder.baseline, held, [])
+    assert order == ["together", "reconsidered"][not missed :]
+
+
 @pytest.fixture
 def exchanges(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     """How steps were asked for their place; all of them keep it."""
@@ -465,6 +499,20 @@ def test_the_last_step_is_asked_again_where_it_is_alone_or_has_other_mechanics(
     way = module._Climb(foot, (), held, [], lambda _: None, 1)
     way.reconsidered(module._Stand(ladder.final, None, (), ladder.steps[:steps]))
     assert [(options["last"], options["also"]) for options in exchanges] == [(last, {"drift"})]
+
+
+@pytest.mark.parametrize(("steps", "asked"), [(2, [(True, set())]), (1, [])])
+def test_each_of_several_is_asked_for_its_place_where_they_miss_the_other_record(
+    two: tuple[Ladder, HeldOut], exchanges: list[dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch, steps: int, asked: list[Any],
+) -> None:  # fmt: skip
+    """Also where nothing explains what is left: it may be but noise, the last one included."""
+    ladder, held = two
+    monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
+    monkeypatch.setattr(module, "astray", lambda *_, several: several)
+    way = module._Climb(ladder.baseline, (), held, [], lambda _: None, 1)
+    way.reconsidered(module._Stand(ladder.final, None, (), ladder.steps[:steps]))
+    assert [(options["last"], options["also"]) for options in exchanges] == asked
 
 
 @pytest.mark.parametrize("quiet", [True, False])
