@@ -44,7 +44,7 @@ def diagnose(
         typer.Option(
             "--rivals/--no-rivals",
             help="Compare other hysteresis laws with the model's own, always or never; by default "
-            "when structure is left that no effect explains.",
+            "when more than noise is left.",
             show_default=False,
         ),
     ] = None,

@@ -63,7 +63,7 @@ class Diagnosis:
         unexplained: where a correction would have to enter, and of what it is a function; None
             unless that is the verdict.
         rivals: other hysteresis laws in the place of the final model's own, best first; tried
-            when the verdict is ``"unexplained"``, unless :func:`diagnose` was told otherwise.
+            where more than noise is left, unless :func:`diagnose` was told otherwise.
     """
 
     fit: Fit
@@ -246,8 +246,9 @@ def diagnose(
         advise: whether to plan experiments. Unless told, for groups that the record cannot split,
             and for effects it cannot show where it shows none; True plans both, False none.
         rivals: whether to refit the final model with other hysteresis laws in the place of its
-            own. Unless told, when the verdict is ``"unexplained"``; True compares them whatever
-            the verdict, False never. A model without a hysteresis law has none to replace.
+            own. Unless told, when the verdict is ``"unexplained"`` or more is left than the
+            noise floor with its uncertainty; True compares them in any case, False never. A model
+            without a hysteresis law has none to replace.
         progress: called with sentences about what is going on.
 
     Raises:
@@ -294,7 +295,9 @@ def diagnose(
     others: tuple[Rival, ...] = ()
     if verdict != "unexplained":
         correction = None
-    wanted = verdict == "unexplained" if rivals is None else rivals
+    # A force with a memory may come near to a loop of another law: what it leaves is then small.
+    doubtful = verdict == "unexplained" or final.rms > floor.high
+    wanted = doubtful if rivals is None else rivals
     if wanted and fit.model.loop is not None:
         tell("trying other hysteresis laws")
         others = refitted(climbed.final, climbed.baseline, held, _laws(withhold), threads)

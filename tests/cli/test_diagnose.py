@@ -261,7 +261,7 @@ def test_other_laws_are_compared_when_asked_and_only_then(tmp_path: Path) -> Non
     assert verdict == "complete"
     assert "prandtl_ishlinskii fits better than the model's own law" in said
     assert diagnosed(3e-8)[:2] == ({}, "complete")
-    assert diagnosed(2e-9, "--no-rivals")[:2] == ({}, "unexplained")
+    assert diagnosed(2e-9, "--no-rivals")[:2] == ({}, "missing")
     assert diagnosed(2e-9)[0]["prandtl_ishlinskii"]
 
 

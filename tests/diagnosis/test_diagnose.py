@@ -412,11 +412,12 @@ def test_a_better_law_is_said_although_no_effect_is_missing() -> None:
     assert "  - prandtl_ishlinskii fits better than the model's own law" in str(found)
 
 
-def test_structure_has_the_laws_compared_unless_told_not_to() -> None:
+def test_more_than_noise_has_the_laws_compared_unless_told_not_to() -> None:
     fit = _played(2e-9)
     found = diagnose(fit, advise=False, withhold=FEW)
-    assert found.verdict == "unexplained"
-    # A friction that was named imitates the loop; the right law does without it.
+    # Friction imitates the loop to a fifth of the noise; the right law does without it.
+    assert found.verdict == "missing"
+    assert 1.1 * 2e-9 < found.final.rms < 1.5 * 2e-9
     assert [s.name for s in found.steps] == ["friction"]
     best = found.rivals[0]
     assert (best.name, best.better, best.without) == ("prandtl_ishlinskii", True, ("friction",))
@@ -424,7 +425,7 @@ def test_structure_has_the_laws_compared_unless_told_not_to() -> None:
     assert "fits better than the model's own law, without friction" in str(found)
     assert found.to_dict()["rivals"][0]["without"] == ["friction"]
     silent = diagnose(fit, advise=False, rivals=False, withhold=FEW)
-    assert (silent.verdict, silent.rivals) == ("unexplained", ())
+    assert (silent.verdict, silent.rivals) == ("missing", ())
     assert "hysteresis laws" not in str(silent)
 
 
