@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,10 @@ class HeldOut:
     question: Identification
     record: Measurement | None
     sentence: str
+    # Each rule of the ladder asks about the same few fits; forgotten with the fit.
+    _errors: WeakKeyDictionary[Fit, FloatArray | None] = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False
+    )
 
 
 def hold_out(question: Identification, test: Measurement | None) -> HeldOut:
@@ -80,8 +85,16 @@ def error_on(fit: Fit, record: Measurement | None) -> FloatArray | None:
 
 def elsewhere(fit: Fit, held: HeldOut) -> FloatArray | None:
     """Held-out errors; without end where the record cannot be simulated with this fit."""
+    if held.record is None:
+        return None
+    if fit not in held._errors:
+        held._errors[fit] = _elsewhere(fit, held.record)
+    return held._errors[fit]
+
+
+def _elsewhere(fit: Fit, record: Measurement | None) -> FloatArray | None:
     try:
-        error = error_on(fit, held.record)
+        error = error_on(fit, record)
     except (PiezoOptError, ArithmeticError):
         return np.array([np.inf])
     return error if error is None or np.isfinite(error).all() else np.array([np.inf])

@@ -31,9 +31,16 @@ JUDGED = HeldOut(NOTHING, NOTHING, "by a record")
 UNJUDGED = HeldOut(NOTHING, None, "by BIC alone")
 
 
+class Fitted(SimpleNamespace):
+    """As a fit, one thing whatever it holds."""
+
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
+
+
 def fit(error: float, elsewhere: float = 1.0) -> Any:
     """What the ladder reads of a fit: its error, and that on the held-out record."""
-    return SimpleNamespace(
+    return Fitted(
         rms=error, elsewhere=elsewhere, question=NOTHING, values={}, at_bound=(),
         model=Named(bouc_wen=SimpleNamespace(structural=True)), records=(None,),
     )  # fmt: skip
