@@ -431,14 +431,14 @@ def _headline(diagnosis: Diagnosis) -> str:
     before, after = show(diagnosis.fit.rms, "m"), show(diagnosis.final.rms, "m")
     if diagnosis.verdict == "open":
         return f"Scores at the fit (rms {before}); nothing was refitted."
-    better = [r.name for r in diagnosis.rivals if r.better]
+    better = next((r for r in diagnosis.rivals if r.better), None)
     if diagnosis.verdict == "complete":
         freed = f" once {', '.join(diagnosis.refined)} is fitted" if diagnosis.refined else ""
         fell = f", down from {before}," if diagnosis.refined else ""
         if better:
             # No effect is missing, yet what another law explains is not noise.
             return (
-                f"Complete{freed} but for the hysteresis law: {better[0]} fits better than "
+                f"Complete{freed} but for the hysteresis law: {better.name} fits better than "
                 f"{diagnosis.final.model.loop}, which leaves {after}."
             )
         return (
@@ -447,8 +447,9 @@ def _headline(diagnosis: Diagnosis) -> str:
         )
     names = ", ".join(s.name for s in diagnosis.steps)
     if diagnosis.verdict == "missing":
-        other = f" Another hysteresis law fits better still: {better[0]}." if better else ""
-        return f"Missing: {names}. The error falls from {before} to {after}.{other}"
+        found = f"Missing: {names}. The error falls from {before} to {after}."
+        law = f"{better.name}{better.less}" if better else ""
+        return f"{found} Another hysteresis law fits better still: {law}." if law else found
     found = f"With {names} the error falls from {before} to {after}, but " if names else ""
     if diagnosis.structure.only_elsewhere and diagnosis.unexplained is None:
         return f"Unexplained: {found}the record that is judged on is not predicted as well."

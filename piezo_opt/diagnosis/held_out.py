@@ -88,16 +88,13 @@ def elsewhere(fit: Fit, held: HeldOut) -> FloatArray | None:
     if held.record is None:
         return None
     if fit not in held._errors:
-        held._errors[fit] = _elsewhere(fit, held.record)
+        try:
+            error = error_on(fit, held.record)
+        except (PiezoOptError, ArithmeticError):
+            error = None
+        finite = error is not None and np.isfinite(error).all()
+        held._errors[fit] = error if finite else np.array([np.inf])
     return held._errors[fit]
-
-
-def _elsewhere(fit: Fit, record: Measurement | None) -> FloatArray | None:
-    try:
-        error = error_on(fit, record)
-    except (PiezoOptError, ArithmeticError):
-        return np.array([np.inf])
-    return error if error is None or np.isfinite(error).all() else np.array([np.inf])
 
 
 def rms(error: FloatArray | None) -> float | None:

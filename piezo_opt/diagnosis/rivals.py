@@ -44,10 +44,14 @@ class Rival:
     better: bool
     without: tuple[str, ...] = ()
 
+    @property
+    def less(self) -> str:
+        """What it does without, in words that follow a sentence; none where that is nothing."""
+        return f", without {' and '.join(self.without)}" if self.without else ""
+
     def __str__(self) -> str:
         against = "fits better than" if self.better else "is no better than"
-        less = f", without {' and '.join(self.without)}" if self.without else ""
-        return f"{self.name} {against} the model's own law{less} (rms {show(self.rms, 'm')})."
+        return f"{self.name} {against} the model's own law{self.less} (rms {show(self.rms, 'm')})."
 
 
 def rivals(

@@ -238,7 +238,7 @@ def test_drives_are_written_only_where_there_is_a_folder(tmp_path: Path, loop: P
         assert volts.max() == pytest.approx(125.0)
 
 
-def test_other_laws_are_compared_when_asked_and_only_then(tmp_path: Path) -> None:
+def test_other_laws_are_compared_when_asked_or_more_than_noise_is_left(tmp_path: Path) -> None:
     model, out = tmp_path / "still.toml", tmp_path / "d.json"
     model.write_text('effects = ["piezo_gain", "bouc_wen", "offset"]\n')
     withheld = but("drift", "asymmetry", "friction", "delay")

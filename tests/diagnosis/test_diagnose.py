@@ -424,6 +424,8 @@ def test_more_than_noise_has_the_laws_compared_unless_told_not_to() -> None:
     assert best.rms == pytest.approx(2e-9, rel=0.05)
     assert "fits better than the model's own law, without friction" in str(found)
     assert found.to_dict()["rivals"][0]["without"] == ["friction"]
+    # A name that the right law does without is not left to stand alone in the first line.
+    assert found.headline.endswith("fits better still: prandtl_ishlinskii, without friction.")
     silent = diagnose(fit, advise=False, rivals=False, withhold=FEW)
     assert (silent.verdict, silent.rivals) == ("missing", ())
     assert "hysteresis laws" not in str(silent)
