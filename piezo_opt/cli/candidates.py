@@ -85,9 +85,11 @@ def _said(error: Exception, path: Path) -> str:
     what = f"{type(error).__name__}: {text}" if text else type(error).__name__
     if isinstance(error, SyntaxError):
         return f"{error.filename or path}, line {error.lineno}: {what}"
+    # The traceback has the whole path, also where the user gave a relative one.
+    own = path.resolve()
     lines = [
         frame.lineno
         for frame in traceback.extract_tb(error.__traceback__)
-        if Path(frame.filename) == path
+        if Path(frame.filename).resolve() == own
     ]
     return f"{path}, line {lines[-1]}: {what}" if lines else f"{path}: {what}"

@@ -189,6 +189,16 @@ def test_a_candidates_file_that_raises_ends_with_its_own_line(tmp_path: Path) ->
     refused(run("diagnose", LOOP, "--candidates", tmp_path / "no.py"), "no such file")
 
 
+def test_the_line_is_said_of_a_file_beside_the_user_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    file = Path("mine.py")
+    file.write_text(f"{HEAD}\nratio = 1 / 0\n")
+    with pytest.raises(InputError, match=rf"mine\.py, line {HEAD.count(chr(10)) + 2}: Zero"):
+        read_candidates(file)
+
+
 def test_candidates_that_cannot_be_made_leave_the_others(tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     picky = CUBE.replace("CubedDrive", "Picky").replace(
