@@ -61,17 +61,10 @@ class BasePoint:
         start = {**fit.values}
         self._unknowns = unknowns(self.question, fit.values)
         theta = theta_of(self._unknowns, start)
-        self._objective = Objective(self.question, self._unknowns, theta, Monitor(fit.names))
-        for simulator, accuracy in zip(self._objective.simulators, fit.accuracy, strict=True):
-            simulator.accuracy = accuracy
-        # A direction need not be as sharp as the residual that it is held against, unless it is
-        # to be told from what the fitted parameters do exactly.
-        self._substeps = [
-            fit.accuracy[index].substeps
-            if sharp
-            else simulator.choose(self._unknowns.of_record(index, theta), _ROUGH).substeps
-            for index, simulator in enumerate(self._objective.simulators)
-        ]
+        self._sharp = sharp
+        self._objective = Objective(
+            self.question, self._unknowns, theta, Monitor(fit.names), accuracy=fit.accuracy
+        )
         point = self._objective.linearised(theta)
         self._theta = theta
         m = self._objective.samples
@@ -150,7 +143,7 @@ class BasePoint:
                 if key not in simulators:
                     simulators[key] = []
                 if len(simulators[key]) <= index:
-                    base = self._substeps[index]
+                    base = self.substeps[index]
                     simulators[key].append(
                         Simulator(
                             model,
@@ -173,6 +166,23 @@ class BasePoint:
                 continue
             found.append(Direction(dict(shapes), whole, self.project(whole)))
         return found
+
+    @cached_property
+    def substeps(self) -> tuple[Substeps, ...]:
+        """Those on which derivatives by absent gates are simulated, for each record.
+
+        A direction need not be as sharp as the residual that it is held against, unless it is to
+        be told from what the fitted parameters do exactly.
+
+        Raises:
+            ModelError: no sub-steps make the simulation finite.
+        """
+        if self._sharp:
+            return tuple(accuracy.substeps for accuracy in self.fit.accuracy)
+        return tuple(
+            simulator.choose(self._unknowns.of_record(index, self._theta), _ROUGH).substeps
+            for index, simulator in enumerate(self._objective.simulators)
+        )
 
     def _quickest(self, effect: Effect, shapes: Mapping[str, float]) -> float:
         """The shortest time constant [s] of an effect's own states; infinite without any.
@@ -208,6 +218,7 @@ class BasePoint:
 def base_point(fit: Fit) -> BasePoint | None:
     """The point of a fit; None where it cannot be simulated again, at the edge of stability."""
     try:
-        return BasePoint(fit)
+        point = BasePoint(fit)
+        return point if point.substeps else None
     except NO_FIT:
         return None

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from functools import lru_cache
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from piezo_opt.units import show
 
 FloatArray = NDArray[np.float64]
 
+REMEMBERED: Final = 8
+"""Fits of which the rules that ask in turn are answered once."""
 _ABOVE = 1.1
 """Residual over the level at the highest frequencies up to which that is the floor."""
 _BY_CHANCE = 0.01
@@ -44,6 +47,7 @@ class NoiseFloor:
     sentence: str
 
 
+@lru_cache(maxsize=REMEMBERED)
 def noise_floor(fit: Fit) -> NoiseFloor:
     """Noise of the reading over the records of a fit.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import final
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.following import follows_drive
-from piezo_opt.diagnosis.noise import NoiseFloor, correlations
+from piezo_opt.diagnosis.noise import REMEMBERED, NoiseFloor, correlations
 from piezo_opt.diagnosis.slow_noise import LEAST
 from piezo_opt.identification import Fit
 from piezo_opt.units import show
@@ -43,6 +44,7 @@ class Structure:
     only_elsewhere: bool = False
 
 
+@lru_cache(maxsize=REMEMBERED)
 def structure(fit: Fit, noise: NoiseFloor) -> Structure:
     """Look for what noise does not do: follow the drive, come in bursts, exceed the floor."""
     clues: list[str] = []

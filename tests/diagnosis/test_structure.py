@@ -57,6 +57,19 @@ def slow(seed: int, phi: float) -> FloatArray:
     return np.asarray(NOISE * np.sqrt(1 - phi**2) * signal.lfilter([1], [1, -phi], driven)[500:])
 
 
+def test_what_a_fit_leaves_is_told_on_its_own_sub_steps(
+    clean: po.Fit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To choose them anew costs as much as many fits' steps; to ask twice costs nothing."""
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("sub-steps are chosen anew")
+
+    monkeypatch.setattr(po.simulation.Simulator, "choose", never)
+    fit = changed(clean, slow(1, 0.9))
+    assert structure(fit, noise_floor(fit)) is structure(fit, noise_floor(fit))
+
+
 @pytest.mark.parametrize(
     "noise",
     [white, lambda seed: slow(seed, 0.5), lambda seed: slow(seed, 0.9)],
