@@ -90,7 +90,7 @@ def refits(
         tell(_refitting(short))
         rungs = race(fit, [*trials, *(with_base_details(adding(fit, s)) for s in short)], threads)
         moving = _on_mechanics(fit, rungs, suspects, bar, threads)
-        rungs += race(fit, moving, threads) if moving else []
+        rungs += race(fit, moving, threads, rivals=rungs) if moving else []
     closest = min((r.fit for r in rungs), key=lambda f: f.rms, default=fit)
     floor = noise_floor(closest).rms
     calm = settled(closest)
@@ -108,11 +108,11 @@ def refits(
         fresh = entrants(fit, held.question, suspects, threads) if lost else []
         if not first:
             fresh = [with_base_details(trial) for trial in fresh]
-        rungs += race(fit, [*bent, *fresh], threads)
+        rungs += race(fit, [*bent, *fresh], threads, rivals=rungs)
     found = _contested(fit, rungs, held, threads)
     if first and fresh and not found:
         # Beside the base model as it is at first nobody helps; its details may be half of it.
-        rungs += race(fit, [with_base_details(trial) for trial in fresh], threads)
+        rungs += race(fit, [with_base_details(trial) for trial in fresh], threads, rivals=rungs)
         found = _contested(fit, rungs, held, threads)
     return found
 

@@ -36,6 +36,8 @@ _RACE = 1.5
 """Error over the best rival's beyond which a refit is out of the race..."""
 _PODIUM = 3
 """...unless it is among the best so many."""
+_HOPELESS = 4.0
+"""Error over that of a rival from an earlier race beyond which nobody is followed."""
 _BEHIND = 1.1
 """Error over that of the fit below up to which more detail stays in the race."""
 
@@ -131,7 +133,14 @@ def _heeding(fit: Fit) -> Fit:
     return fit
 
 
-def race(fit: Fit, trials: Sequence[Trial], threads: int, *, most: int | None = None) -> list[Rung]:
+def race(
+    fit: Fit,
+    trials: Sequence[Trial],
+    threads: int,
+    *,
+    most: int | None = None,
+    rivals: Sequence[Rung] = (),
+) -> list[Rung]:
     """Refit all trials; only those that are still near the best are followed to their end.
 
     Args:
@@ -140,6 +149,7 @@ def race(fit: Fit, trials: Sequence[Trial], threads: int, *, most: int | None = 
         threads: refits that run at a time.
         most: refits that are followed at most; without it all that are near, and more detail of
             what the model has unless it is behind.
+        rivals: refits of the same fit that have been followed before; not returned again.
     """
 
     def one(trial: Trial) -> Rung | None:
@@ -163,11 +173,13 @@ def race(fit: Fit, trials: Sequence[Trial], threads: int, *, most: int | None = 
         ranked = sorted(r.fit.rms for r in rungs)
         near = min(_RACE * ranked[0], ranked[:most][-1])
         third = ranked[:_PODIUM][-1]
+        hopeless = _HOPELESS * min((r.fit.rms for r in rivals), default=float("inf"))
         # More detail of what the model has comes before another name: it is followed unless it
         # has lost what it began with.
         detail = _BEHIND * fit.rms if most is None else 0.0
         worth = [
-            r.fit.rms <= max(near, third) or (r.suspect is None and r.fit.rms <= detail)
+            r.fit.rms <= min(max(near, third), hopeless)
+            or (r.suspect is None and r.fit.rms <= detail)
             for r in rungs
         ]
         running = [r for r, w in zip(rungs, worth, strict=True) if w and not r.fit.outcome.success]

@@ -111,7 +111,7 @@ costly to follow."""
 def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[float, float]:
     """Declared bounds narrowed to what the records' sampling and length can tell apart.
 
-    Time constants between a thirtieth of the sampling step and three times the duration (a longer
+    Time constants between a tenth of the sampling step and three times the duration (a longer
     one is an offset in disguise), natural frequencies between one cycle in four durations and
     nine tenths of the highest frequency that the sampling can hold, distances in which a contact
     gives way not below a five-hundredth of the stroke, loops that do not saturate within a
@@ -123,7 +123,7 @@ def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[floa
     duration = max(r.duration for r in records)
     if parameter.unit == "s":
         if low > 0:
-            low = max(low, 0.03 * step)
+            low = max(low, 0.1 * step)
         high = min(high, 3.0 * duration if low > 0 else 0.25 * duration)
     elif parameter.unit == "rad/s":
         low = max(low, 2.0 * np.pi / (4.0 * duration))

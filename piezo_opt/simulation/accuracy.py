@@ -29,7 +29,7 @@ IntArray = NDArray[np.int32]
 
 _MOST: Final = 20_000_000
 """Sub-steps in one simulation beyond which the model is called too stiff."""
-_TRIES: Final = 32
+_TRIES: Final = 8
 """Sub-steps over the first choice that are tried until a simulation is finite."""
 DIVERGED: Final = 1e100
 """What no reading and no sensitivity reaches: squares of more overflow."""
@@ -183,7 +183,7 @@ def choose(
         if count > most and best is not None:
             return best
         if count > _MOST or (count > most and count > _TRIES * first.count(segment)):
-            if count > 16 * first.count(segment) and not _bounded(fine):
+            if 2 * count > _TRIES * first.count(segment) and not _bounded(fine):
                 raise ModelError(
                     "The simulation is not finite at these values, however small the sub-steps: "
                     "the model is unstable there; give other start values or tighter bounds."

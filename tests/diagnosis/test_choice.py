@@ -276,7 +276,7 @@ def test_a_name_asks_for_six_percent_of_the_error_and_a_detail_for_two(
     """The same rung in every round: from the second on it wins nothing more."""
     monkeypatch.setattr(ladder, "scored", lambda *_: ((), ()))
     monkeypatch.setattr(choice, "refinements", lambda *_: [offered.trial])
-    monkeypatch.setattr(choice, "race", lambda *_: [offered])
+    monkeypatch.setattr(choice, "race", lambda *_, **__: [offered])
     monkeypatch.setattr(choice, "settled", lambda _: True)
     monkeypatch.setattr(choice, "contest", lambda _, rungs, *__, **___: rungs)
     monkeypatch.setattr(ladder, "with_statistics", lambda found: found)
@@ -301,7 +301,7 @@ def test_names_are_asked_for_again_at_the_end_where_details_came_after_them(
 
     monkeypatch.setattr(ladder, "scored", lambda *_: ((), ()))
     monkeypatch.setattr(choice, "refinements", lambda *_: [detail("any", 1.0).trial])
-    monkeypatch.setattr(choice, "race", lambda *_: next(rounds, []))
+    monkeypatch.setattr(choice, "race", lambda *_, **__: next(rounds, []))
     monkeypatch.setattr(choice, "settled", lambda _: True)
     monkeypatch.setattr(choice, "contest", lambda _, rungs, *__, **___: rungs)
     monkeypatch.setattr(ladder, "with_statistics", lambda found: found)
@@ -327,7 +327,7 @@ def test_groups_are_told_again_where_but_noise_is_left(
 
     monkeypatch.setattr(ladder, "scored", lambda *_: ((), ()))
     monkeypatch.setattr(choice, "refinements", lambda *_: [detail("any", 1.0).trial])
-    monkeypatch.setattr(choice, "race", lambda *_: next(rounds, []))
+    monkeypatch.setattr(choice, "race", lambda *_, **__: next(rounds, []))
     monkeypatch.setattr(choice, "settled", lambda _: True)
     monkeypatch.setattr(choice, "contest", lambda _, rungs, *__, **___: rungs)
     monkeypatch.setattr(ladder, "with_statistics", lambda found: found)
@@ -349,7 +349,7 @@ def all_afresh(
     """
     asked: list[object] = []
     monkeypatch.setattr(choice, "refinements", lambda _: [near.trial])
-    monkeypatch.setattr(choice, "race", lambda *_: [near])
+    monkeypatch.setattr(choice, "race", lambda *_, **__: [near])
     monkeypatch.setattr(choice, "settled", lambda _: calm)
     monkeypatch.setattr(choice, "_unsettled", lambda *_, **__: left)
     monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
@@ -415,7 +415,7 @@ def test_who_explains_one_record_and_misses_one_like_it_is_begun_afresh(
 
     near = effect("bent", error, elsewhere)
     monkeypatch.setattr(choice, "refinements", lambda _: [near.trial])
-    monkeypatch.setattr(choice, "race", lambda *_: [near])
+    monkeypatch.setattr(choice, "race", lambda *_, **__: [near])
     monkeypatch.setattr(choice, "settled", lambda _: True)
     monkeypatch.setattr(choice, "plausible", lambda _: True)
     monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
@@ -441,7 +441,7 @@ def test_where_nobody_helps_every_effect_is_begun_beside_the_details_of_the_base
     contests = iter([helped, True])
     near = effect("bent", 5.0)
 
-    def race(_: Any, trials: Sequence[Any], __: int) -> list[Rung]:
+    def race(_: Any, trials: Sequence[Any], __: int, **___: Any) -> list[Rung]:
         seen.extend(trials)
         return [near]
 
@@ -603,7 +603,9 @@ def test_who_is_asked_beside_mechanics_enters_the_contest(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(choice, "refinements", lambda _: ["trial"])
     monkeypatch.setattr(choice, "_on_mechanics", lambda *_: ["beside"])
-    monkeypatch.setattr(choice, "race", lambda _, t, __: [beside] if t == ["beside"] else [alone])
+    monkeypatch.setattr(
+        choice, "race", lambda _, t, __, **___: [beside] if t == ["beside"] else [alone]
+    )
     monkeypatch.setattr(choice, "settled", lambda _: True)
     monkeypatch.setattr(choice, "plausible", lambda _: True)
     monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))

@@ -54,6 +54,14 @@ def test_only_those_near_the_best_are_followed_and_always_three(followed: list[f
     assert followed == [1.0, 5.0, 7.0]
 
 
+def test_nobody_is_followed_far_behind_a_rival_of_an_earlier_race(followed: list[float]) -> None:
+    before = race(BELOW, [entering(1.0), entering(2.0)], 1)
+    followed.clear()
+    rungs = race(BELOW, [entering(e) for e in (3.9, 4.1, 4.2)], 1, rivals=before)
+    assert followed == [3.9]
+    assert sorted(r.fit.rms for r in rungs) == [3.9, 4.1, 4.2]
+
+
 def test_an_interrupt_ends_more_than_the_fit_that_it_meets(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
