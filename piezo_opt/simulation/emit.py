@@ -7,13 +7,14 @@ written as named local variables, each at the outermost loop level where its inp
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
 import casadi as ca
 
+from piezo_opt.simulation.instructions import fused, instructions, known_at
+from piezo_opt.simulation.quick import Quick
 from piezo_opt.simulation.tangents import Carried, Lanes, Tangents
 
 _BINARY = {
@@ -85,18 +86,6 @@ class Block:
     """Most operations of the innermost level that wait for one another."""
 
 
-@final
-@dataclass(frozen=True)
-class _Instruction:
-    """One operation; its number in the list is the number of its result."""
-
-    op: int
-    inputs: tuple[int, ...]
-    place: tuple[int, int] = (0, 0)
-    """Of an input or output of the function: which one, which element."""
-    constant: float = 0.0
-
-
 def emit(
     function: ca.Function,
     names: Sequence[str],
@@ -118,10 +107,11 @@ def emit(
     Raises:
         NotImplementedError: an operation that has no C text; the operation's number is named.
     """
-    program = _fused(_instructions(function))
+    program = fused(instructions(function))
+    level = known_at(program, levels)
+    quick = Quick(program, level, prefix)
     lines: list[list[str]] = [[] for _ in range(depth)]
     text: dict[int, str] = {}
-    level: dict[int, int] = {}
     waits: dict[int, int] = {}
     outputs = [["0.0"] * function.numel_out(i) for i in range(function.n_out())]
     along = along or Tangents(Lanes(()), {}, prefix)
@@ -133,11 +123,9 @@ def emit(
             found = along[one.inputs[0]]
             moved[one.place[0]][one.place[1]] = tuple(t and t.text for t in found)
             continue
-        level[k] = max((level[i] for i in one.inputs), default=0)
         waits[k] = 0
         if one.op == ca.OP_INPUT:
             text[k] = f"{names[one.place[0]]}_{one.place[1]}"
-            level[k] = levels[one.place[0]]
             along.of_input(k, one.place)
         elif one.op == ca.OP_CONST:
             text[k] = _number(one.constant)
@@ -147,7 +135,9 @@ def emit(
             if pattern is None:
                 raise NotImplementedError(f"CasADi operation {one.op} has no C text in {__name__}.")
             text[k] = f"{prefix}{k}"
-            said = pattern.format(*(text[i] for i in one.inputs))
+            said = quick.said(k, text) or pattern.format(*(text[i] for i in one.inputs))
+            for at, line in quick.hoisted(k):
+                lines[at].append(line)
             lines[level[k]].append(f"const double {text[k]} = {said};")
             if level[k] == depth - 1:
                 waits[k] = 1 + max(waits[i] for i in one.inputs)
@@ -161,51 +151,6 @@ def emit(
         tuple(tuple(m) for m in moved),
         max(waits.values(), default=0),
     )
-
-
-def _instructions(function: ca.Function) -> dict[int, _Instruction]:
-    """The function's operations, results numbered instead of CasADi's re-used registers."""
-    program: dict[int, _Instruction] = {}
-    holder: dict[int, int] = {}
-    for k in range(function.n_instructions()):
-        op = function.instruction_id(k)
-        source, target = function.instruction_input(k), function.instruction_output(k)
-        if op == ca.OP_OUTPUT:
-            program[k] = _Instruction(op, (holder[source[0]],), (target[0], target[1]))
-            continue
-        if op == ca.OP_INPUT:
-            program[k] = _Instruction(op, (), (source[0], source[1]))
-        elif op == ca.OP_CONST:
-            program[k] = _Instruction(op, (), constant=float(function.instruction_constant(k)))
-        else:
-            program[k] = _Instruction(op, tuple(holder[i] for i in source))
-        holder[target[0]] = k
-    return program
-
-
-def _fused(program: dict[int, _Instruction]) -> dict[int, _Instruction]:
-    """``a - (b c + d e)`` as ``(a - b c) - d e``: two fused operations instead of three.
-
-    In a balance the left side is known early and both products wait for the state, so this takes
-    an operation out of the chain that a sub-step waits for. The products' own rounding is as
-    large as that of the changed order.
-    """
-    uses = Counter(i for one in program.values() for i in one.inputs)
-    found = dict(program)
-    after = max(program, default=0) + 1
-    order: list[int] = []
-    for k, one in program.items():
-        if one.op == ca.OP_SUB and uses[one.inputs[1]] == 1:
-            left, right = one.inputs
-            both = program[right]
-            if both.op == ca.OP_ADD and all(program[i].op == ca.OP_MUL for i in both.inputs):
-                order.remove(right)
-                found[after] = _Instruction(ca.OP_SUB, (left, both.inputs[0]))
-                found[k] = _Instruction(ca.OP_SUB, (after, both.inputs[1]))
-                order.append(after)
-                after += 1
-        order.append(k)
-    return {k: found[k] for k in order}
 
 
 def _number(value: float) -> str:

@@ -106,7 +106,8 @@ def _recipe(system: System, directions: tuple[str, ...]) -> str:
 def _writers() -> str:
     """What turns a system into a program: this package's own lines, and CasADi."""
     here = resources.files(__package__)
-    writers = ("scheme", "emit", "tangents", "program")
+    writers = ("scheme", "instructions", "quick", "emit", "tangents", "powers", "program")
+
     lines = (here.joinpath(f"{name}.py").read_text() for name in writers)
     return "\n".join((metadata.version("casadi"), *lines))
 

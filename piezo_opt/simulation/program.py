@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from piezo_opt.simulation.emit import Block, emit
+from piezo_opt.simulation.powers import POWERS
 from piezo_opt.simulation.scheme import START_INPUTS, Outline
 from piezo_opt.simulation.tangents import TYPES, Carried, Lanes, Tangents
 
@@ -61,7 +62,7 @@ def source(plan: Outline) -> str:
     nc, nd = plan.step.numel_in(9), len(plan.directions)
     delayed = bool(plan.clocks)
     places = [int(r) * nd + int(k) for r, k in zip(*np.nonzero(plan.pattern), strict=True)]
-    out: list[str] = ["#include <math.h>\n\n", TYPES, _START_HEAD]
+    out: list[str] = ["#include <math.h>\n\n", TYPES, POWERS, _START_HEAD]
 
     def line(depth: int, text: str) -> None:
         out.append("    " * depth + text + "\n")

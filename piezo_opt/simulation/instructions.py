@@ -1,0 +1,78 @@
+"""The operations of an expression as a list, each result known by its number."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import casadi as ca
+
+
+@final
+@dataclass(frozen=True)
+class Instruction:
+    """One operation; its number in the list is the number of its result."""
+
+    op: int
+    inputs: tuple[int, ...]
+    place: tuple[int, int] = (0, 0)
+    """Of an input or output of the function: which one, which element."""
+    constant: float = 0.0
+
+
+def instructions(function: ca.Function) -> dict[int, Instruction]:
+    """The function's operations, results numbered instead of CasADi's re-used registers."""
+    program: dict[int, Instruction] = {}
+    holder: dict[int, int] = {}
+    for k in range(function.n_instructions()):
+        op = function.instruction_id(k)
+        source, target = function.instruction_input(k), function.instruction_output(k)
+        if op == ca.OP_OUTPUT:
+            program[k] = Instruction(op, (holder[source[0]],), (target[0], target[1]))
+            continue
+        if op == ca.OP_INPUT:
+            program[k] = Instruction(op, (), (source[0], source[1]))
+        elif op == ca.OP_CONST:
+            program[k] = Instruction(op, (), constant=float(function.instruction_constant(k)))
+        else:
+            program[k] = Instruction(op, tuple(holder[i] for i in source))
+        holder[target[0]] = k
+    return program
+
+
+def fused(program: dict[int, Instruction]) -> dict[int, Instruction]:
+    """``a - (b c + d e)`` as ``(a - b c) - d e``: two fused operations instead of three.
+
+    In a balance the left side is known early and both products wait for the state, so this takes
+    an operation out of the chain that a sub-step waits for. The products' own rounding is as
+    large as that of the changed order.
+    """
+    uses = Counter(i for one in program.values() for i in one.inputs)
+    found = dict(program)
+    after = max(program, default=0) + 1
+    order: list[int] = []
+    for k, one in program.items():
+        if one.op == ca.OP_SUB and uses[one.inputs[1]] == 1:
+            left, right = one.inputs
+            both = program[right]
+            if both.op == ca.OP_ADD and all(program[i].op == ca.OP_MUL for i in both.inputs):
+                order.remove(right)
+                found[after] = Instruction(ca.OP_SUB, (left, both.inputs[0]))
+                found[k] = Instruction(ca.OP_SUB, (after, both.inputs[1]))
+                order.append(after)
+                after += 1
+        order.append(k)
+    return {k: found[k] for k in order}
+
+
+def known_at(program: Mapping[int, Instruction], levels: Sequence[int]) -> dict[int, int]:
+    """The loop level at which each result is known."""
+    found: dict[int, int] = {}
+    for k, one in program.items():
+        if one.op == ca.OP_INPUT:
+            found[k] = levels[one.place[0]]
+        else:
+            found[k] = max((found[i] for i in one.inputs), default=0)
+    return found
