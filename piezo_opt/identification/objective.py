@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -39,10 +39,12 @@ class Linearised:
         residual: (M,) modelled minus measured on counted samples [m], weighted; then one row for
             each prior, in units of the noise.
         jacobian: (M, k) by the unknowns in SI units.
+        readings: modelled reading of each record, all samples [m].
     """
 
     residual: FloatArray
     jacobian: FloatArray
+    readings: tuple[FloatArray, ...] = ()
 
     @property
     def usable(self) -> bool:
@@ -132,14 +134,18 @@ class Objective:
             simulator.accuracy = chosen
         return coarser
 
-    def mended(self, theta: FloatArray) -> bool:
+    def mended(self, theta: FloatArray, point: Linearised | None = None) -> bool:
         """Choose anew, at a point, sub-steps that have become far too coarse; True for any.
 
         Far too coarse are those that, each cut in two, change the reading by a good part of the
         residual, and by far more than they were chosen for.
+
+        Args:
+            theta: the point.
+            point: what is known there; simulated unless given.
         """
         strayed = False
-        readings = self.readings(theta)
+        readings = self.readings(theta) if point is None else point.readings
         rms = self.rms(self._residual(readings, theta))
         for i, simulator in enumerate(self.simulators):
             theta_i = self.unknowns.of_record(i, theta)
@@ -172,10 +178,11 @@ class Objective:
     def linearised(self, theta: FloatArray) -> Linearised:
         """Residuals and Jacobian at a point."""
         self.monitor.with_sensitivities += len(self.simulators)
-        residuals, blocks = [], []
+        residuals, blocks, readings = [], [], []
         for i, simulator in enumerate(self.simulators):
             record, mask = self.question.campaign.records[i], self.counted[i]
             reading, slopes = simulator.with_sensitivities(self.unknowns.of_record(i, theta))
+            readings.append(reading)
             residuals.append(self._root_weights[i] * (reading - record.position)[mask])
             if len(self.simulators) == 1 and mask.all() and self._root_weights[i] == 1.0:
                 blocks.append(slopes)
@@ -190,7 +197,8 @@ class Objective:
                 rows[row, k] = noise / prior.std
             blocks.append(rows)
         residual = np.concatenate([*residuals, self._prior_rows(theta)])
-        return Linearised(residual, blocks[0] if len(blocks) == 1 else np.vstack(blocks))
+        jacobian = blocks[0] if len(blocks) == 1 else np.vstack(blocks)
+        return Linearised(residual, jacobian, tuple(readings))
 
     def _prior_rows(self, theta: FloatArray) -> FloatArray:
         noise = float(self.question.noise or 1.0)
@@ -213,7 +221,8 @@ class Objective:
         if loss.shape is Shape.SQUARE:
             return point
         weight = np.sqrt(_rho_slope(point.residual, loss))
-        return Linearised(weight * point.residual, weight[:, None] * point.jacobian)
+        slopes = weight[:, None] * point.jacobian
+        return replace(point, residual=weight * point.residual, jacobian=slopes)
 
 
 def _rho(residual: FloatArray, loss: Loss) -> FloatArray:

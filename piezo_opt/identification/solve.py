@@ -126,7 +126,7 @@ def _finish(
         covariance=np.full((k, k), np.nan),
         coloured=False,
         at_bound=_at_bound(unknown, theta, weighted.jacobian.T @ weighted.residual),
-        readings=tuple(objective.readings(theta)),
+        readings=point.readings,
         outcome=Outcome(solution.ending, ""),
         trace=monitor.trace,
         evaluations=spent,

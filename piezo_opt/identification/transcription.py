@@ -93,8 +93,8 @@ class SingleShooting:
             solution = taken.minimise(objective, solution.theta)
         elif self.refine:
             solution = replace(solution, point=None)  # on other sub-steps than were chosen since
-        elif objective.mended(solution.theta):
+        elif objective.mended(solution.theta, solution.point):
             solution = taken.minimise(objective, solution.theta)
-            if objective.mended(solution.theta):
+            if objective.mended(solution.theta, solution.point):
                 solution = replace(solution, point=None)  # told on the sub-steps that it needs
         return replace(solution, accuracy=objective.accuracy)

@@ -98,8 +98,9 @@ def test_bounds_are_kept_and_touched(solver: ResidualSolver) -> None:
     listed, theta = begun(question)
     place = listed.names.index("bouc_wen.beta")
     objective = Objective(question, listed, theta, Monitor(listed.names))
-    residual = objective.residual
+    residual, linearised = objective.residual, objective.linearised
     objective.residual = lambda at: (seen.append(float(at[place])), residual(at))[1]  # type: ignore[method-assign]
+    objective.linearised = lambda at: (seen.append(float(at[place])), linearised(at))[1]  # type: ignore[method-assign]
     solution = solver.minimise(objective, theta)
     assert min(seen) >= low
     # The free optimum lies below the bound, so the bounded one is on it.

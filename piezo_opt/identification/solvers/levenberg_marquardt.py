@@ -23,8 +23,6 @@ _SMALL = 1e-3
 """Share of its size below which an unknown is stepped straight: zero has no logarithm."""
 _FAR = 1.5
 """Longest step of a logarithm."""
-_SURE = 0.25
-"""Gain ratio of a step from which the next is expected to lower the cost as well."""
 _GROWTH = 4.0
 """Factor by which the damping grows at a refused step, three times as much at each further one:
 a step refused lightly damped is refused by orders of magnitude."""
@@ -83,20 +81,17 @@ class LevenbergMarquardt:
         floor = 1e-30 * max(cost, 1e-300)
         norms = np.zeros(theta.size)
         history = [cost]
-        # A step that will be taken is simulated once, with its sensitivities; one that may be
-        # refused costs less without them.
-        sure = True
         for _ in range(self.iterations):
             weighted = objective.robust(point)
             straight = ~relative | (theta < _SMALL * unknowns.scale)
             scale = np.where(straight, unknowns.scale, theta)
-            j = weighted.jacobian * scale
             if not weighted.usable:
                 return Solution(
                     theta, Ending.FAILED,
                     "The sensitivities are not finite at the best point; tighten the bounds.",
                 )  # fmt: skip
-            gradient, normal = j.T @ weighted.residual, gram(j)
+            gradient = scale * (weighted.jacobian.T @ weighted.residual)
+            normal = gram(weighted.jacobian) * np.outer(scale, scale)
             now = np.sqrt(np.diag(normal))
             norms = np.where(straight, np.maximum(norms, now), now)
             weight = np.where(norms > 0, norms, 1.0) ** 2
@@ -114,9 +109,10 @@ class LevenbergMarquardt:
                 predicted = -float(gradient @ step + 0.5 * step @ normal @ step)
                 if damping <= _LIGHT and 0.0 <= predicted <= self.tolerance * cost:
                     return Solution(theta, Ending.CONVERGED, _DONE, point=point)
-                ahead = objective.linearised(trial) if sure else None
-                residual = objective.residual(trial) if ahead is None else ahead.residual
-                trial_cost = objective.cost(residual)
+                # Two steps of three are taken, and sensitivities that are carried along cost a
+                # third: one that is refused loses less by them than one that is taken saves.
+                ahead = objective.linearised(trial)
+                trial_cost = objective.cost(ahead.residual)
                 gain = (cost - trial_cost) / predicted if predicted > 0 else -1.0
                 if gain > 1e-4:
                     break
@@ -124,15 +120,15 @@ class LevenbergMarquardt:
                     10.0 * self.tolerance * cost
                 ):
                     return Solution(theta, Ending.CONVERGED, _STILL, point=point)
-                damping, growth, sure = damping * growth, 3.0 * growth, False
+                damping, growth = damping * growth, 3.0 * growth
                 if damping > 1e16:
                     return Solution(theta, Ending.CONVERGED, _STILL, point=point)
             decrease = cost - trial_cost
             damping = max(1e-14, damping * max(1.0 / 5.0, 1.0 - (2.0 * gain - 1.0) ** 3))
-            growth, sure = _GROWTH, gain > _SURE
+            growth = _GROWTH
             theta, cost = trial, trial_cost
             objective.monitor.saw(theta, cost)
-            objective.monitor.iterate(theta, objective.rms(residual))
+            objective.monitor.iterate(theta, objective.rms(ahead.residual))
             if decrease <= self.tolerance * cost and predicted <= self.tolerance * cost:
                 return Solution(theta, Ending.CONVERGED, "the cost stopped falling", point=ahead)
             history.append(cost)
@@ -141,7 +137,7 @@ class LevenbergMarquardt:
                     theta, Ending.CONVERGED, "the cost falls only along a valley without end",
                     point=ahead,
                 )  # fmt: skip
-            point = objective.linearised(theta) if ahead is None else ahead
+            point = ahead
         return Solution(
             theta, Ending.LIMIT,
             f"Stopped after {self.iterations} iterations while the cost was still falling; go on "
