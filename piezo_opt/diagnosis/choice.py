@@ -94,15 +94,18 @@ def refits(
     closest = min((r.fit for r in rungs), key=lambda f: f.rms, default=fit)
     floor = noise_floor(closest).rms
     calm = settled(closest)
+    # Beside what was found the base model is bent less: what misses the other record there is
+    # asked for its place at the end.
+    missing = first and _mispredicts(closest, held, FOREIGN)
     doubtful = closest is not fit and (
-        (closest.rms < _NOISY * floor and _mispredicts(closest, held, _DOUBTFUL))
-        or (calm and _mispredicts(closest, held, FOREIGN))
+        (first and closest.rms < _NOISY * floor and _mispredicts(closest, held, _DOUBTFUL))
+        or (calm and missing)
     )
     if doubtful or (not calm and _unsettled(fit, first=first)):
         # Scores are taken at a fit that has been bent, and slow residuals leave none of them
         # significant: let refits tell.
         more = further(suspects, short)
-        lost = doubtful or closest.rms > _LOST * floor or _mispredicts(closest, held, FOREIGN)
+        lost = doubtful or missing or closest.rms > _LOST * floor
         tell(f"{_refitting(more)}{', and all from a fresh start' if lost else ''}")
         bent = [with_base_details(adding(fit, s)) for s in more]
         fresh = entrants(fit, held.question, suspects, threads) if lost else []

@@ -24,6 +24,9 @@ def test_generated_code_is_nearly_as_fast_as_written_by_hand() -> None:
         if ratios[-1] <= 1.5:
             break
     assert min(ratios) <= 1.5
+    # The C library's power takes most of a sub-step; from tables it takes half of that.
+    bent = table["compiled, exponent free"].per_sample
+    assert bent < 0.8 * table["by hand, exponent free"].per_sample
     assert table.disagreement <= 1e-12
     assert table["with 8 sensitivities"].ratio > table["compiled"].ratio > 0.3
 
@@ -32,7 +35,7 @@ def test_the_table_names_every_way_and_scales_by_its_own_length() -> None:
     table = measure(samples=2_000, repetitions=2)
     names = [row.name for row in table.rows]
     assert names[:2] == ["by hand", "compiled"]
-    assert len(names) == 5
+    assert len(names) == 8
     assert table["by hand"].ratio == 1.0
     for row in table.rows:
         assert row.ratio == pytest.approx(row.per_sample / table["by hand"].per_sample)

@@ -339,13 +339,15 @@ def test_groups_are_told_again_where_but_noise_is_left(
 
 
 def all_afresh(
-    monkeypatch: pytest.MonkeyPatch, near: Rung, *, calm: bool = False, left: bool = False
-) -> bool:
+    monkeypatch: pytest.MonkeyPatch, near: Rung, *, calm: bool = False, left: bool = False,
+    first: bool = True,
+) -> bool:  # fmt: skip
     """Whether every effect begins afresh where this is the closest refit.
 
     Args:
         calm: whether it leaves what may be noise.
         left: whether the fit below it leaves structure.
+        first: whether nothing has been found yet.
     """
     asked: list[object] = []
     monkeypatch.setattr(choice, "refinements", lambda _: [near.trial])
@@ -357,7 +359,9 @@ def all_afresh(
     monkeypatch.setattr(choice, "contest", lambda _, rungs, *__, **___: rungs)
     everybody = (suspect("drift"),)
     everybody[0].score = 0.0
-    choice.refits(fit(9.0), JUDGED, everybody, first=True, bar=-1.0, tell=lambda _: None, threads=1)
+    choice.refits(
+        fit(9.0), JUDGED, everybody, first=first, bar=-1.0, tell=lambda _: None, threads=1
+    )
     assert asked in ([], [everybody])
     return bool(asked)
 
@@ -381,6 +385,21 @@ def test_who_explains_one_record_and_not_the_other_has_every_effect_asked(
     """
     near = effect("bent", error, elsewhere)
     assert all_afresh(monkeypatch, near, calm=calm) is asked_again
+
+
+@pytest.mark.usefixtures("unit_noise")
+@pytest.mark.parametrize(
+    ("error", "elsewhere", "calm"), [(1.0, 2.6, True), (1.3, 4.0, True), (1.9, 5.8, False)]
+)
+def test_beside_what_was_found_missing_the_other_record_is_no_reason(
+    error: float, elsewhere: float, calm: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A warm gain beside a delay left but noise: forty fresh starts later it still did."""
+    near = effect("bent", error, elsewhere)
+    assert all_afresh(monkeypatch, near, calm=calm, left=not calm)
+    assert not all_afresh(monkeypatch, near, calm=calm, left=not calm, first=False)
+    far = effect("bent", 2.1, 2.1)
+    assert all_afresh(monkeypatch, far, left=True, first=False)
 
 
 @pytest.mark.usefixtures("unit_noise")
