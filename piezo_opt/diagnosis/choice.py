@@ -42,6 +42,9 @@ _MOVED = 0.7
 """Error with mechanics over that with any suspect below which suspects are asked beside them."""
 _HALVED = 0.5
 """Error over that before below which far more has been explained than is left."""
+_MUCH = 0.6
+"""Error over that before below which a first effect need but not hurt on the other record until the
+ladder ends: what is found beside it may be what that one shows."""
 _HARDLY = 6.0
 """Difference of BIC below which there is no strong evidence between two (Kass & Raftery, 1995,
 J. American Statistical Association 90(430), 773-795)."""
@@ -220,7 +223,8 @@ def chosen(
     A detail names nothing, and what it wins on the fitted record it may lose a little of where a
     record of another kind is judged on: without it an effect would be named for its sake. What is
     found first may leave a record of another kind about as it was, if that shows far more than what
-    is then left, until the end of the ladder; beside what was found already another name must prove
+    is then left, until the end of the ladder; and where it explains much of the fitted record it
+    need but not hurt on the other until then. Beside what was found already another name must prove
     itself where it is judged. Where the held-out data contradict what leaves but noise, it is
     fitted finely first: the scheme's error looks like a shift of the resonance, which one record
     hardly shows and another above all.
@@ -234,9 +238,10 @@ def chosen(
         there = rms(error) or 0.0
         foreign = halved and first and FOREIGN * fit.rms < there < np.inf
         level = (rms(after) or 0.0) <= _TOLERATED * (there or np.inf)
+        unhurt = first and rung.fit.rms < _MUCH * fit.rms and (rms(after) or 0.0) <= there
         if rung.fit.rms >= (1.0 - worth) * fit.rms:
             continue
-        if (level and (detail or foreign)) or agrees(error, after, lenient):
+        if (level and (detail or foreign)) or unhurt or agrees(error, after, lenient):
             return rung, after
         if not asked and explained(rung.fit):
             asked = True

@@ -505,6 +505,26 @@ def test_what_is_found_first_may_leave_another_record_as_it_was(
 
 @pytest.mark.usefixtures("judged")
 @pytest.mark.parametrize(
+    ("error", "elsewhere", "first", "taken"),
+    [
+        (0.59, 0.99, True, True), (0.61, 0.99, True, False), (0.59, 1.01, True, False),
+        (0.59, 0.99, False, False),
+    ],
+)  # fmt: skip
+def test_a_first_effect_that_explains_much_need_but_not_hurt_on_the_other_record(
+    error: float, elsewhere: float, first: bool, taken: bool
+) -> None:
+    """A second mode that steps do not show: creep beside it is what they show above all."""
+    random = np.random.default_rng(1)
+    before = random.normal(size=500)
+    after = random.normal(size=500)  # another error, not less beyond chance
+    after *= elsewhere * np.sqrt(np.mean(before**2) / np.mean(after**2))
+    ordered = [(effect("second_mode", error), after)]
+    assert (choice.chosen(fit(1.0), before, ordered, JUDGED, first=first) is not None) == taken
+
+
+@pytest.mark.usefixtures("judged")
+@pytest.mark.parametrize(
     ("shown", "error", "elsewhere", "first", "taken"),
     [
         (3.1, 0.49, 1.09, True, True), (3.1, 0.49, 1.11, True, False),
