@@ -11,7 +11,7 @@ import ctypes
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib import metadata, resources
-from typing import Protocol, final
+from typing import Final, Protocol, final
 
 import casadi as ca
 import numpy as np
@@ -26,6 +26,9 @@ from piezo_opt.symbolic import one_at_a_time
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
+
+WRITERS: Final = ("scheme", "instructions", "quick", "emit", "tangents", "powers", "program")
+"""Files of this folder that the text of a program follows from."""
 
 
 @final

@@ -274,6 +274,19 @@ def test_a_recipe_is_the_same_in_every_process() -> None:
     assert len(said) == 1
 
 
+def test_a_recipe_holds_every_file_that_a_program_is_written_by() -> None:
+    """A kept program of another version of one of them would go on being used."""
+    folder, prefix = Path(program.__file__).parent, "from piezo_opt.simulation."
+    found, left = set(), ["program"]
+    while left:
+        name = left.pop()
+        found.add(name)
+        lines = (folder / f"{name}.py").read_text().splitlines()
+        asked = [line.removeprefix(prefix).split()[0] for line in lines if line.startswith(prefix)]
+        left += [one for one in asked if one not in found]
+    assert found == set(engines.WRITERS)
+
+
 @needs_compiler
 def test_a_program_is_written_once_and_again_for_whatever_differs(
     cache: Path, monkeypatch: pytest.MonkeyPatch
