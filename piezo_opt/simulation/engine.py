@@ -109,9 +109,7 @@ def _recipe(system: System, directions: tuple[str, ...]) -> str:
 def _writers() -> str:
     """What turns a system into a program: this package's own lines, and CasADi."""
     here = resources.files(__package__)
-    writers = ("scheme", "instructions", "quick", "emit", "tangents", "powers", "program")
-
-    lines = (here.joinpath(f"{name}.py").read_text() for name in writers)
+    lines = (here.joinpath(f"{name}.py").read_text() for name in WRITERS)
     return "\n".join((metadata.version("casadi"), *lines))
 
 

@@ -1,4 +1,4 @@
-"""Powers whose exponent a run does not change, from tables; written as C.
+"""Powers, exponentials and logarithms from tables, written as C.
 
 A sub-step waits for one power a stage where the exponent of a loop is free, and ``exp(c log(y))``
 by the C library is eight tenths of the whole sub-step then. With c known beforehand
@@ -6,9 +6,9 @@ by the C library is eight tenths of the whole sub-step then. With c known before
     y^c = 2^(e c) m_j^c (1 + d)^c,    y = 2^e m_j (1 + d),    |d| < 1/128,
 
 where the first two factors stand in tables that are written once a run, and the last is a binomial
-series: no division, no branch, no call. The error is some units of the last digit for exponents up
-to 8 in size (1e-13 at -8), where the result is neither above nor below 1e200 and its inverse; not a
-number stays not a number.
+series: no division, no branch, no call. Exponentials and logarithms are made of the same parts. The
+error of a power is some units of the last digit for exponents up to 8 in size (1e-13 at -8), where
+the result is neither above nor below 1e200 and its inverse; not a number stays not a number.
 
 Source: Tang (1989, 1990), ACM Transactions on Mathematical Software 15(2), 144-157 and 16(4),
 378-400 (exponential and logarithm from tables and short polynomials).
@@ -103,4 +103,4 @@ static inline double po_exp(const double x)
 }
 """
 )
-"""C text that defines ``po_powers_of``, ``po_power`` and ``po_log``."""
+"""C text that defines ``po_powers_of``, ``po_power``, ``po_log`` and ``po_exp``."""
