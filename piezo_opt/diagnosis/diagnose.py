@@ -106,7 +106,7 @@ class Diagnosis:
     @property
     def advice(self) -> tuple[str, ...]:
         """What to do next, in sentences."""
-        sentences: list[str] = []
+        sentences = [f"{record.name}: {d}" for record in self.fit.records for d in record.doubts]
         for step in self.steps:
             if len(step.group) > 1:
                 sentences.append(

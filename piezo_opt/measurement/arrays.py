@@ -11,6 +11,7 @@ from piezo_opt.errors import InputError
 
 FloatArray: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
+IndexArray: TypeAlias = NDArray[np.intp]
 
 
 def frozen(values: object, channel: str, record: str) -> FloatArray:

@@ -23,7 +23,12 @@ from piezo_opt.measurement.checks import (
 )
 from piezo_opt.measurement.clock import Clock
 from piezo_opt.measurement.periods import by_period, noise_between, whole_periods
-from piezo_opt.measurement.remarks import aliasing_remarks, gap_remarks, resolution_remarks
+from piezo_opt.measurement.remarks import (
+    aliasing_remarks,
+    gap_remarks,
+    outlier_remarks,
+    resolution_remarks,
+)
 from piezo_opt.measurement.resampling import resampling
 from piezo_opt.measurement.resolution import resolution
 from piezo_opt.units import quantity, show
@@ -169,12 +174,18 @@ class Measurement:
 
     @cached_property
     def remarks(self) -> tuple[str, ...]:
-        """What the sampling hides, in sentences; empty for a record without flaws."""
+        """What the sampling hides and what looks wrong, in sentences; empty without flaws."""
         return (
             *gap_remarks(self.clock),
             *resolution_remarks(self.position, self.resolution, self.position_unit),
+            *self.doubts,
             *aliasing_remarks(self.clock, self.drive, self.between),
         )
+
+    @cached_property
+    def doubts(self) -> tuple[str, ...]:
+        """Of ``remarks`` those on readings that look wrong."""
+        return tuple(outlier_remarks(self.time, self.drive, self.position, self.position_unit))
 
     def with_(self, **changes: Any) -> Measurement:
         """The same record with some fields changed; checked like a new one."""

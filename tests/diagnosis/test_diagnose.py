@@ -97,6 +97,18 @@ def test_missing(missing: Diagnosis) -> None:
     assert missing.steps[0].fit.residuals.size == 1400
 
 
+def test_a_reading_that_stands_alone_is_the_first_thing_to_see_to(complete: Diagnosis) -> None:
+    """It takes a share of the error that no effect explains, and the ladder a long time."""
+    record = complete.fit.records[0]
+    reading = np.array(record.position)
+    reading[900] += 0.3 * np.ptp(reading)
+    question = complete.fit.question.with_records(record.with_(position=reading))
+    doubted = replace(complete, fit=replace(complete.fit, question=question))
+    assert "1 reading stands alone" in doubted.advice[0]
+    assert doubted.advice[1:] == complete.advice
+    assert doubted.advice[0] in str(doubted)
+
+
 def test_complete(complete: Diagnosis) -> None:
     assert complete.verdict == "complete"
     assert complete.steps == ()
