@@ -57,6 +57,9 @@ _AS_WELL = 1.01
 _LOST = 2.0
 """Error of the closest refit over the floor beyond which every effect is tried afresh; and below
 it where that one misses the other record by far (``FOREIGN``)."""
+_TOLD = 0.35
+"""Error of the closest refit over that of the fit below up to which the scores have shown the way:
+what is left is another effect's."""
 _DOUBTFUL, _NOISY = 1.3, 1.1
 """Held-out error of the closest refit over its own beyond which the same is done, where that one
 leaves no more than so many times the floor; where it leaves what may be slow noise, that of another
@@ -108,7 +111,8 @@ def refits(
         # Scores are taken at a fit that has been bent, and slow residuals leave none of them
         # significant: let refits tell.
         more = further(suspects, short)
-        lost = doubtful or missing or closest.rms > _LOST * floor
+        told = first and closest.rms < _TOLD * fit.rms
+        lost = doubtful or missing or (closest.rms > _LOST * floor and not told)
         tell(f"{_refitting(more)}{', and all from a fresh start' if lost else ''}")
         bent = [with_base_details(adding(fit, s)) for s in more]
         fresh = entrants(fit, held.question, suspects, threads) if lost else []

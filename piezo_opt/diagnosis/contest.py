@@ -34,8 +34,10 @@ from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.shapes import own
 from piezo_opt.identification.starting import joint_starts
 
-_NEAR = 2.5
+_NEAR = 1.6
 """Error over the best contender's up to which another one is still in the contest."""
+_UNEQUIPPED = 2.5
+"""The same of who stands without the mechanics that the best has: they may be what it lacks."""
 _LEVEL = 1.1
 """The same where the best leaves but noise."""
 _CLOSE = 1.25
@@ -79,7 +81,7 @@ def contest(
         # A law with more freedom gets there first; in its details another one may be exact.
         level = [r for r in named if r.fit.rms < _LEVEL * best.rms][:_MOST]
         # Forces bring mechanics with them; whoever stands without has the same right to them.
-        still = [r for r in named if massless(r.fit) and r.fit.rms < _NEAR * best.rms]
+        still = [r for r in named if massless(r.fit) and r.fit.rms < _UNEQUIPPED * best.rms]
         equipped = [] if closest.model.quasi_static else still[:_MOST]
         alone = len(level) < 2 and not equipped
         with ThreadPoolExecutor(max_workers=threads) as pool:

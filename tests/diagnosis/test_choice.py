@@ -340,11 +340,12 @@ def test_groups_are_told_again_where_but_noise_is_left(
 
 def all_afresh(
     monkeypatch: pytest.MonkeyPatch, near: Rung, *, calm: bool = False, left: bool = False,
-    first: bool = True,
+    first: bool = True, below: float = 5.0,
 ) -> bool:  # fmt: skip
     """Whether every effect begins afresh where this is the closest refit.
 
     Args:
+        below: error of the fit below it.
         calm: whether it leaves what may be noise.
         left: whether the fit below it leaves structure.
         first: whether nothing has been found yet.
@@ -360,7 +361,7 @@ def all_afresh(
     everybody = (suspect("drift"),)
     everybody[0].score = 0.0
     choice.refits(
-        fit(9.0), JUDGED, everybody, first=first, bar=-1.0, tell=lambda _: None, threads=1
+        fit(below), JUDGED, everybody, first=first, bar=-1.0, tell=lambda _: None, threads=1
     )
     assert asked in ([], [everybody])
     return bool(asked)
@@ -412,6 +413,20 @@ def test_where_the_closest_is_far_from_noise_or_from_the_other_record_all_begin_
 ) -> None:
     """A mount and friction had imitated a warm-up to 1.9 times the noise, and 9 elsewhere."""
     assert all_afresh(monkeypatch, effect("bent", error, elsewhere), left=True) is fresh
+
+
+@pytest.mark.usefixtures("unit_noise")
+@pytest.mark.parametrize(
+    ("below", "elsewhere", "first", "fresh"),
+    [(8.5, 3.0, True, True), (8.7, 3.0, True, False), (8.7, 9.1, True, True),
+     (8.7, 3.0, False, True)],
+)  # fmt: skip
+def test_where_the_scores_have_shown_the_way_what_is_left_is_another_effects(
+    below: float, elsewhere: float, first: bool, fresh: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lag that takes 19 noises to 3 is none of those forty that would begin afresh."""
+    near = effect("lag", 3.0, elsewhere)
+    assert all_afresh(monkeypatch, near, left=True, first=first, below=below) is fresh
 
 
 @pytest.mark.usefixtures("unit_noise")

@@ -549,6 +549,34 @@ def test_however_far_behind_friction_begins_at_what_a_mount_does(
     assert bic_gain(best.fit, found, n) == pytest.approx(fall)
 
 
+@pytest.mark.parametrize(("error", "fought"), [(1.55, True), (1.65, False)])
+def test_who_is_far_behind_an_effect_that_leaves_more_is_not_in_the_contest(
+    error: float, fought: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lag left 3 noises of 19, and whoever left 7 was brought to its best as well."""
+    time = clock(500)
+    fit = fitted(STILL, measured(STILL, time, rich(time), (Creep(elements=1), {})))
+    (suspect,) = score(BasePoint(fit), [Drift()])[0][:1]
+    rungs = [
+        Rung(replace(adding(fit, suspect), suspect=replace(suspect, name=one.name)),
+             replace(fit, readings=tuple(r.position + times * NOISE for r in fit.records)), 0.0)
+        for one, times in ((Drift(), error), (AmplifierLag(), 1.0))
+    ]  # fmt: skip
+    asked: list[str] = []
+
+    def watched(_: po.Fit, rung: Rung, *__: object) -> Rung:
+        assert rung.suspect is not None
+        asked.append(rung.suspect.name)
+        return rung
+
+    monkeypatch.setattr(module, "_chance", watched)
+    monkeypatch.setattr(module, "_explained", lambda _: False)
+    monkeypatch.setattr(module, "settled", lambda _: False)
+    monkeypatch.setattr(module, "_after", lambda *_: None)
+    contest(fit, rungs, fit.question, 1)
+    assert asked == (["amplifier_lag", "drift"] if fought else ["amplifier_lag"])
+
+
 def test_where_the_best_leaves_no_structure_only_close_ones_are_in_the_contest(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
