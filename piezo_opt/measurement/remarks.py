@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from scipy import signal
-from scipy.ndimage import maximum_filter1d
 
 from piezo_opt.measurement.arrays import FloatArray, IndexArray
 from piezo_opt.measurement.between import Between
@@ -79,13 +78,10 @@ def lone_readings(drive: FloatArray, reading: FloatArray) -> IndexArray:
     off[2:-2] = np.abs(reading[2:-2] - (4.0 * near - beyond) / 6.0)
     unlike = np.maximum(np.abs(reading[3:-1] - reading[1:-3]), np.abs(near - beyond))
     off[2:-2][unlike > 0.5 * off[2:-2]] = 0.0
-    third = np.abs(np.diff(reading, 3))
-    # A wrong reading is off by most, its neighbours because of it.
-    off[off < maximum_filter1d(off, 2 * _AROUND + 1)] = 0.0
     most = max(3, n // 1000)
     order = np.argsort(-off)
     least = max(
-        _LONE * float(off[order[most]]), _FAR * float(np.median(third)),
+        _LONE * float(off[order[most]]), _FAR * float(np.median(np.abs(np.diff(reading, 3)))),
         _VISIBLE * float(np.ptp(reading)),
     )  # fmt: skip
     moves = np.abs(np.diff(drive))

@@ -52,14 +52,14 @@ def spiked(record: Measurement, *where: int, size: float) -> Measurement:
     return record.with_(position=reading)
 
 
-def noisy(drive: FloatArray, seed: int = 0) -> Measurement:
+def noisy(drive: FloatArray, share: float = 1e-3) -> Measurement:
     """2000 readings of mechanics with a resonance at a tenth of the sampling rate, and noise."""
     time = np.arange(drive.size) / 1000.0
     omega = 2.0 * np.pi * 100.0
     b, a = signal.cont2discrete(([omega**2], [1.0, 0.1 * omega, omega**2]), 1e-3)[:2]
     moved = signal.lfilter(np.ravel(b), a, drive)
-    noise = np.random.default_rng(seed).normal(size=drive.size)
-    return Measurement(time, drive, 1e-7 * (moved + 1e-3 * np.ptp(moved) * noise))
+    noise = np.random.default_rng(0).normal(size=drive.size)
+    return Measurement(time, drive, 1e-7 * (moved + share * np.ptp(moved) * noise))
 
 
 SINE = noisy(np.sin(2.0 * np.pi * 3.0 * np.arange(2000) / 1000.0))
@@ -91,6 +91,17 @@ def test_steps_that_ring_peaks_and_noise_are_no_wrong_readings(record: Measureme
     assert record.doubts == ()
     # Nor is a jump, or a reading that is off where the drive jumps.
     assert record.with_(position=record.position + 1e-7 * (record.time > 0.8)).doubts == ()
+
+
+def test_pulses_that_come_again_stand_not_alone() -> None:
+    """Twenty of them in 2000 are something that happens."""
+    assert spiked(SINE, *range(50, 2000, 100), size=0.3).doubts == ()
+
+
+def test_what_nobody_sees_in_a_plot_is_not_remarked() -> None:
+    quiet = noisy(SINE.drive, share=1e-6)
+    assert spiked(quiet, 750, size=0.008).doubts == ()
+    assert spiked(quiet, 750, size=0.012).doubts != ()
 
 
 def test_what_is_off_where_the_drive_jumps_may_be_its_answer() -> None:
