@@ -22,13 +22,9 @@ from piezo_opt.measurement.checks import (
     check_unit,
 )
 from piezo_opt.measurement.clock import Clock
+from piezo_opt.measurement.outliers import outlier_remarks
 from piezo_opt.measurement.periods import by_period, noise_between, whole_periods
-from piezo_opt.measurement.remarks import (
-    aliasing_remarks,
-    gap_remarks,
-    outlier_remarks,
-    resolution_remarks,
-)
+from piezo_opt.measurement.remarks import aliasing_remarks, gap_remarks, resolution_remarks
 from piezo_opt.measurement.resampling import resampling
 from piezo_opt.measurement.resolution import resolution
 from piezo_opt.units import quantity, show

@@ -549,6 +549,19 @@ def test_however_far_behind_friction_begins_at_what_a_mount_does(
     assert bic_gain(best.fit, found, n) == pytest.approx(fall)
 
 
+def in_the_contest(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of those who are brought to their best from now on, which is left undone."""
+    names: list[str] = []
+
+    def watched(_: po.Fit, rung: Rung, *__: object) -> Rung:
+        assert rung.suspect is not None
+        names.append(rung.suspect.name)
+        return rung
+
+    monkeypatch.setattr(module, "_chance", watched)
+    return names
+
+
 @pytest.mark.parametrize(("error", "fought"), [(1.55, True), (1.65, False)])
 def test_who_is_far_behind_an_effect_that_leaves_more_is_not_in_the_contest(
     error: float, fought: bool, monkeypatch: pytest.MonkeyPatch
@@ -562,14 +575,7 @@ def test_who_is_far_behind_an_effect_that_leaves_more_is_not_in_the_contest(
              replace(fit, readings=tuple(r.position + times * NOISE for r in fit.records)), 0.0)
         for one, times in ((Drift(), error), (AmplifierLag(), 1.0))
     ]  # fmt: skip
-    asked: list[str] = []
-
-    def watched(_: po.Fit, rung: Rung, *__: object) -> Rung:
-        assert rung.suspect is not None
-        asked.append(rung.suspect.name)
-        return rung
-
-    monkeypatch.setattr(module, "_chance", watched)
+    asked = in_the_contest(monkeypatch)
     monkeypatch.setattr(module, "_explained", lambda _: False)
     monkeypatch.setattr(module, "settled", lambda _: False)
     monkeypatch.setattr(module, "_after", lambda *_: None)
@@ -588,14 +594,7 @@ def test_where_the_best_leaves_no_structure_only_close_ones_are_in_the_contest(
     best = min(r.fit.rms for r in rungs)
     far = {r.suspect.name for r in rungs if r.suspect and r.fit.rms > 1.25 * best}
     assert far
-    fought: list[str] = []
-
-    def watched(_: po.Fit, rung: Rung, *__: object) -> Rung:
-        assert rung.suspect is not None
-        fought.append(rung.suspect.name)
-        return rung
-
-    monkeypatch.setattr(module, "_chance", watched)
+    fought = in_the_contest(monkeypatch)
     monkeypatch.setattr(module, "_explained", lambda _: False)
     monkeypatch.setattr(module, "_NEAR", 100.0)
     for quiet in (True, False):
