@@ -104,6 +104,7 @@ class Objective:
             simulator.accuracy = known
         self.counted = [r.counted for r in records]
         self.samples = int(sum(c.sum() for c in self.counted))
+        self._plain = self._root_weights[0] == 1.0 and bool(self.counted[0].all())
         self._priors = [(k, m.prior) for k, m in enumerate(unknowns.members) if m.prior is not None]
 
     @property
@@ -183,10 +184,11 @@ class Objective:
             record, mask = self.question.campaign.records[i], self.counted[i]
             reading, slopes = simulator.with_sensitivities(self.unknowns.of_record(i, theta))
             readings.append(reading)
-            residuals.append(self._root_weights[i] * (reading - record.position)[mask])
-            if len(self.simulators) == 1 and mask.all() and self._root_weights[i] == 1.0:
+            if len(self.simulators) == 1 and self._plain:
+                residuals.append(reading - record.position)
                 blocks.append(slopes)
                 continue
+            residuals.append(self._root_weights[i] * (reading - record.position)[mask])
             block = np.zeros((int(mask.sum()), theta.size))
             block[:, self._columns[i]] = self._root_weights[i] * slopes[mask]
             blocks.append(block)

@@ -326,9 +326,12 @@ class _Search:
         return self.trial(start, extra)[1]
 
     def trial(
-        self, start: dict[str, float], extra: Sequence[str] = ()
+        self, start: dict[str, float], extra: Sequence[str] = (), worst: float = np.inf
     ) -> tuple[float, dict[str, float]]:
-        """Cost and values after one linear step, or at the start if the step is worse."""
+        """Cost and values after one linear step, or at the start if the step is worse.
+
+        A step that would not lead below the cost ``worst`` is not simulated.
+        """
         objective, unknown = self._ready(start)
         theta = theta_of(unknown, start)
         point = objective.linearised(theta)
@@ -347,6 +350,8 @@ class _Search:
         norms[norms == 0.0] = 1.0
         normal = gram(j) / np.outer(norms, norms) + 1e-6 * np.eye(len(linear))
         step = np.linalg.solve(normal, -(j.T @ point.residual) / norms) / norms
+        if min(cost, objective.cost(point.residual + j @ step)) >= worst:
+            return cost, start
         moved = theta.copy()
         moved[linear] += step * unknown.scale[linear]
         moved = unknown.clip(moved)
@@ -430,11 +435,11 @@ def _scan_resonance(
     best_cost, best = np.inf, dict(start)
     middle, *others = _DAMPINGS
     for omega in candidates:
-        cost, found = search.trial(at(omega, middle))
+        cost, found = search.trial(at(omega, middle), worst=best_cost)
         if cost < best_cost:
             best_cost, best = cost, found
     for zeta in others if dampings else ():
-        cost, found = search.trial(at(best[name], zeta))
+        cost, found = search.trial(at(best[name], zeta), worst=best_cost)
         if cost < best_cost:
             best_cost, best = cost, found
     return best
@@ -460,7 +465,7 @@ def _scan_gate(
     best_cost, best = search.trial(begin, (gate,))
     for shapes in shape_grid(model[effect], record, residual, settled):
         trial = {**begin, **{f"{effect}.{k}": v for k, v in shapes.items()}}
-        cost, found = search.trial(trial, (gate,))
+        cost, found = search.trial(trial, (gate,), best_cost)
         if cost < best_cost:
             best_cost, best = cost, found
     found = {k: v for k, v in best.items() if k.startswith(f"{effect}.")}

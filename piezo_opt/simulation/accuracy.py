@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Final, final
+from typing import Any, Final, final
 
 import casadi as ca
 import numpy as np
@@ -53,8 +53,7 @@ class Substeps:
 
     def of(self, segment: Segment) -> IntArray:
         """Number of sub-steps of each segment, at least one."""
-        by_time = segment.length / self.longest
-        by_move = np.abs(segment.slope) * segment.length / self.largest_move
+        by_time, by_move = segment.length / self.longest, segment.moves / self.largest_move
         # The slack keeps rounding of time stamps from adding a sub-step here and there.
         wanted = self.times * np.maximum(1.0, np.ceil(np.maximum(by_time, by_move) - 1e-6))
         return np.asarray(np.minimum(wanted, np.iinfo(np.int32).max), dtype=np.int32)
@@ -100,7 +99,7 @@ def fastest_rates(
     if not system.state_names:
         return 0.0, 0.0
     rates = _rates(system, segment, parameters, lambda _: x)
-    moves = np.abs(segment.slope) * segment.length
+    moves = segment.moves
     if max(rates[0] * float(segment.length.max()), rates[1] * float(moves.max())) <= _FAST:
         return rates
     unmoved = np.zeros(x.size)
@@ -118,14 +117,21 @@ def _rates(
     system: System, segment: Segment, parameters: FloatArray, states: Callable[[int], FloatArray]
 ) -> tuple[float, float]:
     """Both rates where the states at the beginning of segment i are ``states(i)``."""
-    jacobian = _jacobian(system)
+    n, channels = len(system.state_names), len(system.channel_names)
+    time, x, drive, moving = np.zeros(1), np.zeros(n), np.zeros(1), np.zeros(1)
+    beside, beside_slopes, a = np.zeros(channels), np.zeros(channels), np.zeros((n, n))
+    given = (time, x, drive, moving, beside, beside_slopes, np.array(parameters, dtype=float))
+    # Wrapping the arguments of a call takes CasADi far longer than these few numbers.
+    bound: Any = _jacobian(system).buffer()
+    buffer, evaluate = bound
+    for index, array in enumerate(given):
+        buffer.set_arg(index, array.data)
+    buffer.set_res(0, a.data)
 
     def fastest(i: int, slope: float) -> float:
-        given = [
-            segment.time[i], states(i), segment.drive[i], slope, segment.channels[i],
-            segment.channel_slopes[i], parameters,
-        ]  # fmt: skip
-        a = np.array(jacobian(*given))
+        time[0], x[:], drive[0], moving[0] = segment.time[i], states(i), segment.drive[i], slope
+        beside[:], beside_slopes[:] = segment.channels[i], segment.channel_slopes[i]
+        evaluate()
         return float(np.abs(np.linalg.eigvals(a)).max()) if np.isfinite(a).all() else 0.0
 
     steep = np.abs(segment.slope)
@@ -143,10 +149,12 @@ def _rates(
 @lru_cache(maxsize=2048)
 @one_at_a_time
 def _jacobian(system: System) -> ca.Function:
-    """``(t, x, u, du, c, dc, p) -> dx'/dx``, built once."""
+    """``(t, x, u, du, c, dc, p) -> dx'/dx``, all entries, built once."""
     rate = system.rate
     given, moved = rate.name_in(), rate.name_out(0)
-    return rate.factory("linear", given, [f"jac:{moved}:{given[1]}"])
+    sparse = rate.factory("linear", given, [f"jac:{moved}:{given[1]}"])
+    symbols = sparse.mx_in()
+    return ca.Function("dense", symbols, [ca.densify(sparse(*symbols))])
 
 
 def choose(

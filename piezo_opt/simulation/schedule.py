@@ -69,6 +69,11 @@ class Segment:
         return int((self.reading >= 0).sum())
 
     @cached_property
+    def moves(self) -> FloatArray:
+        """How far the drive moves in each segment [V]."""
+        return np.asarray(np.abs(self.slope) * self.length)
+
+    @cached_property
     def addresses(self) -> Addresses:
         """Where the columns lie in memory, for the C program."""
         found = {}

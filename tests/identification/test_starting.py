@@ -10,7 +10,7 @@ import pytest
 import piezo_opt as po
 from piezo_opt.effects import Backlash, ChargeBackCoupling, Creep, Effect, SecondMode
 from piezo_opt.identification.monitor import Monitor
-from piezo_opt.identification.starting import starting_values, straight_line
+from piezo_opt.identification.starting import _Search, starting_values, straight_line
 from piezo_opt.measurement import FloatArray
 from tests.identification.truth import LINE, MOVING, STILL, TRUTH, loops, objective_of, record
 
@@ -216,6 +216,23 @@ def test_a_record_cut_in_motion_leaves_no_effect_at_rest(
         0.0,
     )  # fmt: skip
     assert rms(fixed=rest) > 1.2 * 3e-9
+
+
+def test_a_trial_that_would_lead_nowhere_is_not_simulated_again() -> None:
+    """Its step says to first order where it leads; one that would lead lower is looked at."""
+    measured, truth = ringing(140.0)
+    monitor = Monitor(())
+    search = _Search(po.Identification(MOVING, measured), monitor)
+    begin = {**po.Values.nominal(MOVING), **truth}
+    cost, found = search.trial(begin)
+    looked = monitor.simulations
+    for worst, simulated in ((2.0 * cost, 1), (0.5 * cost, 0)):
+        before = monitor.simulations
+        again, values = search.trial(begin, worst=worst)
+        assert monitor.simulations - before == simulated
+        assert again >= cost
+        assert values == (found if simulated else begin)
+    assert looked > 0
 
 
 def test_the_search_hands_over_a_start_near_the_answer() -> None:
