@@ -57,7 +57,7 @@ _AS_WELL = 1.01
 _LOST = 2.0
 """Error of the closest refit over the floor beyond which every effect is tried afresh; and below
 it where that one misses the other record by far (``FOREIGN``)."""
-_TOLD = 0.35
+_TOLD = 0.65
 """Error of the closest refit over that of the fit below up to which the scores have shown the way:
 what is left is another effect's."""
 _DOUBTFUL, _NOISY = 1.3, 1.1

@@ -24,7 +24,7 @@ from piezo_opt.diagnosis.refinements import (
     shape_refinements,
     with_base_details,
 )
-from piezo_opt.diagnosis.rung import Rung, Trial, bic_gain, judged, numbers, solved
+from piezo_opt.diagnosis.rung import OUTSIDE, Rung, Trial, bic_gain, judged, numbers, solved
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Place
@@ -44,6 +44,8 @@ _CLOSE = 1.25
 """The same where the best leaves no structure."""
 _FAR = 1.5
 """Error over the floor beyond which it takes more than a look to call it slow noise."""
+_SECOND = 1.25
+"""The same of who has a second start, and other forms."""
 _WORTH = 1.5
 """Error of a fresh start over the other's beyond which it is not followed."""
 _HELPS = 0.97
@@ -77,6 +79,10 @@ def contest(
         return first
     best = named[0].fit
     closest = min(rungs, key=lambda r: r.fit.rms).fit
+
+    def behind_it(pair: tuple[Rung, Rung]) -> Rung | None:
+        return _after(fit, *pair, threads)
+
     if _explained(closest) and not afresh:
         # A law with more freedom gets there first; in its details another one may be exact.
         level = [r for r in named if r.fit.rms < _LEVEL * best.rms][:_MOST]
@@ -86,11 +92,11 @@ def contest(
         alone = len(level) < 2 and not equipped
         with ThreadPoolExecutor(max_workers=threads) as pool:
             asked = [] if alone else [*level, *(r for r in equipped if r not in level)]
-            trying = list(pool.map(lambda r: _founded(fit, r), asked))
-            detailed = list(pool.map(lambda r: _detailed(fit, r), trying))
+            trying = list(pool.map(lambda r: _founded(fit, r, threads), asked))
+            detailed = list(pool.map(lambda r: _detailed(fit, r, threads), trying))
             # Whoever has fewer parameters may do exactly what a law with more freedom has found.
             after = [(r, o) for o in detailed or level for r in named if _simpler(r, o)]
-            detailed += [r for r in pool.map(lambda pair: _after(fit, *pair), after) if r]
+            detailed += [r for r in pool.map(behind_it, after) if r]
         return judged(fit, [*rungs, *detailed]) if detailed else first
     near = _CLOSE if settled(best) else _NEAR
     contenders = [r for r in named if r.fit.rms < near * best.rms][:_MOST]
@@ -98,11 +104,14 @@ def contest(
         # Beside what was found the base model is bent less: who helps at all shows it at once.
         contenders = [r for r in contenders if r.fit.rms < _HELPS * fit.rms]
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        fitted = list(pool.map(lambda r: _chance(fit, r, given, threads), contenders))
+        nearest = _SECOND * best.rms
+        fitted = list(
+            pool.map(lambda r: _chance(fit, r, given, threads, r.fit.rms < nearest), contenders)
+        )
         # Whoever can do exactly what another one does begins there as well, however far behind.
         behind = [r for r in named if r not in contenders]
         pairs = [(r, other) for r in [*fitted, *behind] for other in fitted if other is not r]
-        fitted += [r for r in pool.map(lambda pair: _after(fit, *pair), pairs) if r is not None]
+        fitted += [r for r in pool.map(behind_it, pairs) if r is not None]
     return judged(fit, [*rungs, *fitted])
 
 
@@ -133,35 +142,38 @@ def _simpler(rung: Rung, other: Rung) -> bool:
     return behind and numbers(rung.fit) <= numbers(other.fit)
 
 
-def _chance(fit: Fit, rung: Rung, given: Identification, threads: int) -> Rung:
-    """The best fit that a contender can be brought to, from where it is and from a fresh start."""
-    assert rung.suspect is not None
-    best = _founded(fit, rung)
-    first, second = _fresh(fit, rung.suspect, given, threads)
-    for trial in first:
-        fresh = _fitted(fit, trial, rung.suspect)
-        if fresh is not None and fresh.fit.rms < _WORTH * best.fit.rms:
-            fresh = _founded(fit, fresh)
-            if bic_gain(best.fit, fresh.fit) > 0:
-                best = fresh
-    best = _shaped(fit, best, rung.suspect)
-    for trial in [] if explained(best.fit) else second:
-        # Behind where the base model stood without its details; beside them it may be ahead.
-        other = _fitted(fit, with_base_details(trial), rung.suspect)
-        if other is not None and bic_gain(best.fit, other.fit) > 0:
-            best = _shaped(fit, other, rung.suspect)
-    return best
+def _chance(fit: Fit, rung: Rung, given: Identification, threads: int, near: bool = True) -> Rung:
+    """The best fit that a contender can be brought to, from where it is and from a fresh start.
+
+    Who is near the best also has a second start, and its other forms.
+    """
+    suspect = rung.suspect
+    assert suspect is not None
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        founded = pool.submit(_founded, fit, rung, threads)
+        first, second = _fresh(fit, suspect, given, threads)
+        fresh = list(pool.map(lambda trial: _fitted(fit, trial, suspect), first))
+        best = founded.result()
+    for other in fresh:
+        if other is not None and other.fit.rms < _WORTH * best.fit.rms:
+            other = _founded(fit, other, threads)
+            if bic_gain(best.fit, other.fit) > 0:
+                best = other
+    best = _shaped(fit, best, suspect, threads, near)
+    if explained(best.fit) or not near:
+        return best
+    # Behind where the base model stood without its details; beside them it may be ahead.
+    ahead = _best(fit, best, [with_base_details(trial) for trial in second], suspect, threads)
+    return best if ahead is best else _shaped(fit, ahead, suspect, threads)
 
 
-def _founded(fit: Fit, best: Rung) -> Rung:
+def _founded(fit: Fit, best: Rung, threads: int) -> Rung:
     """A contender with the base model in the detail that it then pays for."""
     assert best.suspect is not None
-    for trial in base_refinements(best.fit):
-        best = _better(fit, best, trial, best.suspect)
-    return best
+    return _best(fit, best, base_refinements(best.fit), best.suspect, threads)
 
 
-def _after(fit: Fit, rung: Rung, other: Rung) -> Rung | None:
+def _after(fit: Fit, rung: Rung, other: Rung, threads: int) -> Rung | None:
     """A contender that begins at what another one does, where it can; None where it cannot."""
     assert rung.suspect is not None
     assert other.suspect is not None
@@ -172,35 +184,50 @@ def _after(fit: Fit, rung: Rung, other: Rung) -> Rung | None:
     model = other.fit.model.replaced(theirs, rung.suspect.effect)
     start = {**other.fit.values, **{f"{name}.{k}": v for k, v in imitated.items()}}
     trial = Trial(other.fit.question.with_model(model), start, rung.suspect)
-    best = _better(fit, rung, trial, rung.suspect)
-    return None if best is rung else _shaped(fit, best, rung.suspect)
+    best = _best(fit, rung, [trial], rung.suspect, threads)
+    return None if best is rung else _shaped(fit, best, rung.suspect, threads)
 
 
-def _detailed(fit: Fit, rung: Rung) -> Rung:
+def _detailed(fit: Fit, rung: Rung, threads: int) -> Rung:
     assert rung.suspect is not None
-    return _shaped(fit, rung, rung.suspect)
+    return _shaped(fit, rung, rung.suspect, threads)
 
 
-def _shaped(fit: Fit, best: Rung, suspect: Suspect) -> Rung:
-    """A contender in more detail of its own, as far as that pays."""
-    for trial in shape_refinements(best.fit):
-        if all(name.startswith(f"{suspect.name}.") for name in trial.refines):
-            best = _better(fit, best, trial, suspect)
+def _shaped(fit: Fit, best: Rung, suspect: Suspect, threads: int, near: bool = True) -> Rung:
+    """A contender in more detail of its own, as far as that pays, and in its other forms."""
+    details = [
+        trial for trial in shape_refinements(best.fit)
+        if all(name.startswith(f"{suspect.name}.") for name in trial.refines)
+    ]  # fmt: skip
+    best = _best(fit, best, details, suspect, threads)
+    if explained(best.fit) or not near:
+        return best
     # A form that is exact in its details and the base model's may be behind without them.
-    for trial in [] if explained(best.fit) else other_forms(best.fit, suspect.name):
-        best = _better(fit, best, with_base_details(trial, suspect.name), suspect)
+    others = [with_base_details(t, suspect.name) for t in other_forms(best.fit, suspect.name)]
+    return _best(fit, best, others, suspect, threads, OUTSIDE * best.fit.rms)
+
+
+def _best(
+    fit: Fit,
+    best: Rung,
+    trials: Sequence[Trial],
+    suspect: Suspect,
+    threads: int,
+    beyond: float = float("inf"),
+) -> Rung:
+    """A contender as what it is tried as, where that is worth what it costs."""
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        tried = list(pool.map(lambda trial: _fitted(fit, trial, suspect, beyond), trials))
+    for other in tried:
+        if other is not None and bic_gain(best.fit, other.fit) > 0:
+            best = other
     return best
 
 
-def _better(fit: Fit, best: Rung, trial: Trial, suspect: Suspect) -> Rung:
-    other = _fitted(fit, trial, suspect)
-    return best if other is None or bic_gain(best.fit, other.fit) <= 0 else other
-
-
-def _fitted(fit: Fit, trial: Trial, suspect: Suspect) -> Rung | None:
+def _fitted(fit: Fit, trial: Trial, suspect: Suspect, beyond: float = float("inf")) -> Rung | None:
     """A trial and its fit; None where it has none, or an implausible one."""
     try:
-        richer = solved(trial.question, trial.start, _ITERATIONS)
+        richer = solved(trial.question, trial.start, _ITERATIONS, beyond)
     except NO_FIT:
         return None
     rung = Rung(replace(trial, suspect=suspect), richer, bic_gain(fit, richer))

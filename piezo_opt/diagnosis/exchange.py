@@ -10,10 +10,11 @@ ch. 3.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import final
+from typing import TypeAlias, final
 
 from piezo_opt.diagnosis.detail import in_detail
 from piezo_opt.diagnosis.grouping import group_of
@@ -33,6 +34,11 @@ _NEAR = 1.5
 """Error over the best rival's up to which another one is tried in more detail."""
 _MOST = 3
 """Rivals that are tried so."""
+
+
+Exchange: TypeAlias = tuple[Fit, list[Step], list[tuple[str, str]]]
+"""The fit, the steps, and pairs of names: what gave way to what. Twice the same name is the same
+effect in another form."""
 
 
 @final
@@ -57,7 +63,7 @@ def exchange(
     anew: bool = False,
     beyond: int = 0,
     also: Collection[str] = (),
-) -> tuple[Fit, list[Step], list[tuple[str, str]]]:
+) -> Exchange:
     """The ladder with each earlier step in the form of the rival that does better in its place.
 
     Args:
@@ -68,19 +74,17 @@ def exchange(
         candidates: effects that may be added.
         threads: refits that run at a time.
         last: whether the last step was judged beside another step or another base model than
-            there are now; else it stays, unless one of the others gives way.
+            there are now; else it stays, unless one of the others gives way to another effect.
         anew: whether no step was judged before; all are told and grouped here.
         beyond: parameters of an effect of its own, beyond which its step is asked for.
         also: names that are fitted in each place, whatever their scores there.
 
-    Returns:
-        the fit, the steps, and pairs of names: what gave way to what. Twice the same name is the
-        same effect in another form.
     """
     now = list(steps)
     gone: list[tuple[str, str]] = []
     for place, step in enumerate(steps):
-        judged_last = place == len(steps) - 1 and not (last or anew or gone)
+        others = any(old != new for old, new in gone)
+        judged_last = place == len(steps) - 1 and not (last or anew or others)
         if judged_last or sum(k.startswith(f"{step.name}.") for k in fit.names) <= beyond:
             continue
         seen = _seen(foot, fit, step, candidates, threads, also)
@@ -138,7 +142,7 @@ def _seen(
     also: Collection[str] = (),
 ) -> _Seen | None:
     """A fit without one of its steps, and who would take its place; None where nobody would."""
-    poorer = _without(foot, fit, step)
+    poorer = _without(foot, fit, step, threads)
     if poorer is None:
         return None
     suspects, _ = scored(poorer, candidates, threads)
@@ -153,22 +157,27 @@ def _seen(
     # were, too.
     standing = {k: v for k, v in fit.values.items() if k in poorer.values}
     trials += [replace(trial, start={**trial.start, **standing}) for trial in trials]
-    rungs = race(poorer, trials, threads)
+    rungs = race(poorer, trials, threads, standing=fit)
     ranked = judged(poorer, [r for r in rungs if plausible(r)])
     return _Seen(
         poorer, suspects, judged(poorer, [*ranked, *_shaped(fit, step, poorer, ranked, threads)])
     )
 
 
-def _without(foot: Fit, fit: Fit, step: Step) -> Fit | None:
+def _without(foot: Fit, fit: Fit, step: Step, threads: int) -> Fit | None:
     """The fit without a step, from where that has led and from before it; None for neither."""
     if step.name not in fit.model:
         return None
     question = fit.question.with_model(fit.model.without(step.name))
-    found: list[Fit] = []
-    for start in (fit.values, {**fit.values, **foot.values}):
+
+    def begun(start: Mapping[str, float]) -> Fit | None:
         with suppress(*NO_FIT):
-            found.append(solved(question, start))
+            return solved(question, start)
+        return None
+
+    starts = (fit.values, {**fit.values, **foot.values})
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        found = [one for one in pool.map(begun, starts) if one is not None]
     return min(found, key=lambda f: f.rms, default=None)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -20,7 +21,7 @@ from piezo_opt.diagnosis.choice import (
 )
 from piezo_opt.diagnosis.confirm import confirmed
 from piezo_opt.diagnosis.detail import in_detail
-from piezo_opt.diagnosis.exchange import LIKELY, exchange, regrouped
+from piezo_opt.diagnosis.exchange import LIKELY, Exchange, exchange, regrouped
 from piezo_opt.diagnosis.grouping import group_of
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, elsewhere, rms
 from piezo_opt.diagnosis.pairs import pair
@@ -193,11 +194,13 @@ class _Climb:
         assert suspect is not None
         first = None if at.steps or agrees(at.error, after, at.fit.rms) else at
         # Rivals pay for the base model's details, so the taken one was compared with them too.
-        rung = lean(at.fit, rung)
-        alone = _unaided(rung) if at.steps else None
+        rung = lean(at.fit, rung, self.threads)
+        with ThreadPoolExecutor(max_workers=1) as pool:
+            ahead = pool.submit(elsewhere, rung.fit, self.held)
+            alone = _unaided(rung) if at.steps else None
+            error = ahead.result()
         if alone is not None:
             return self.led(at, alone, suspect)
-        error = elsewhere(rung.fit, self.held)
         halved = rung.fit.rms < _SHAPING * at.fit.rms
         same = None if halved else _sibling(suspect, at.steps, self.suspects)
         if same is None:
@@ -215,12 +218,27 @@ class _Climb:
     def revised(self, before: _Stand, at: _Stand) -> _Stand:
         """Without what became unnecessary, and with each earlier step asked for its place."""
         joined = any(e.structural and n not in before.fit.model for n, e in at.fit.model)
-        named = at.steps != before.steps
-        fewer = self.pruned(at) if named and at.steps else at
-        # Where nothing is left to be won, only a law that could imitate a simpler one is asked.
-        beyond = _FREEDOM if nothing_to_win(fewer.fit) else 0
-        last = joined or len(fewer.dropped) > len(at.dropped)
-        return self.exchanged(fewer, last=last and not beyond, beyond=beyond)
+        if not at.steps or at.steps == before.steps:
+            return self.placed(at, self.asked(at, last=joined))
+        with ThreadPoolExecutor(max_workers=1) as pool:
+            # Mostly nothing became unnecessary: the places are asked for before that is known.
+            ahead = pool.submit(self.asked, at, last=joined)
+            fewer = self.pruned(at)
+            answer = ahead.result()
+        if len(fewer.dropped) > len(at.dropped):
+            return self.placed(fewer, self.asked(fewer, last=True))
+        return self.placed(at, answer)
+
+    def asked(self, at: _Stand, *, last: bool) -> Exchange:
+        """Whoever does better in the place of each step.
+
+        Where nothing is left to be won, only a law that could imitate a simpler one is asked.
+        """
+        settled = nothing_to_win(at.fit)
+        return exchange(
+            self.foot, at.fit, at.steps, self.held, self.candidates, self.threads,
+            last=last and not settled, beyond=_FREEDOM if settled else 0,
+        )  # fmt: skip
 
     def pruned(self, at: _Stand, *, last: bool = False) -> _Stand:
         """Without the steps that it can do without."""
@@ -231,14 +249,9 @@ class _Climb:
         stand = replace(at, steps=tuple(steps), dropped=(*at.dropped, *spare))
         return self.onto(stand, fit)
 
-    def exchanged(
-        self, at: _Stand, *, last: bool, beyond: int = 0, also: Collection[str] = ()
-    ) -> _Stand:
+    def placed(self, at: _Stand, answer: Exchange) -> _Stand:
         """With each step in the form of whoever does better in its place."""
-        fit, steps, gone = exchange(
-            self.foot, at.fit, at.steps, self.held, self.candidates, self.threads,
-            last=last, beyond=beyond, also=also,
-        )  # fmt: skip
+        fit, steps, gone = answer
         if not gone:
             return replace(at, fit=fit, steps=tuple(steps))
         self.tell(f"exchanged {', '.join(f'{old} for {new}' for old, new in gone)}")
@@ -267,7 +280,11 @@ class _Climb:
         lost = self.lost(at)
         if not likely and not lost:
             return fresh
-        return self.exchanged(fresh, last=joined or len(at.steps) == 1 or lost, also=likely)
+        answer = exchange(
+            self.foot, fresh.fit, fresh.steps, self.held, self.candidates, self.threads,
+            last=joined or len(at.steps) == 1 or lost, also=likely,
+        )  # fmt: skip
+        return self.placed(fresh, answer)
 
     def grouped(self, at: _Stand) -> _Stand:
         """With the groups of the earlier steps as the record tells them beside the later ones."""

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.base_point import BasePoint, base_point
+from piezo_opt.diagnosis.choice import nothing_to_win
 from piezo_opt.diagnosis.detail import in_detail
 from piezo_opt.diagnosis.exchange import exchange
 from piezo_opt.diagnosis.held_out import FOREIGN, HeldOut, elsewhere, rms
@@ -101,7 +102,11 @@ def pair(
     asked = _promising(held.question, likely, threads)
     rungs = [r for r in race(end, asked, threads, most=_FOLLOWED) if plausible(r)]
     closest = sorted(rungs, key=_rms)[:_FINISHED]
-    finished = [_finished(foot, end, rung, threads) for rung in closest]
+    finished: list[Rung] = []
+    for rung in closest:
+        finished.append(_finished(foot, end, rung, threads))
+        if nothing_to_win(finished[-1].fit):
+            break
     # One of so many was looked for.
     price = STRONG + 2.0 * float(np.log(max(1, len(likely) * (len(likely) - 1) // 2)))
     believed = [
@@ -200,7 +205,7 @@ def _both(question: Identification, a: _Alone, b: _Alone) -> Trial | None:
 
 def _finished(foot: Fit, end: Fit, rung: Rung, threads: int) -> Rung:
     """A pair in the detail that it pays for."""
-    best = in_detail(lean(foot, rung).fit, threads)
+    best = in_detail(lean(foot, rung, threads).fit, threads)
     return replace(rung, fit=best, delta_bic=bic_gain(end, best))
 
 

@@ -16,8 +16,9 @@ from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.starting import joint_start, starting_values
 from piezo_opt.values import Values
 
-_NEARLY = 10.0
-"""Error without an effect over that with it up to which more detail may make up for it."""
+_NEARLY = 4.0
+"""Error without an effect over that with it up to which a longer search, or more detail, may make
+up for it: a lag of two poles for a delay, where one of a single pole leaves 3.6 times as much."""
 
 
 def prune(
@@ -90,9 +91,10 @@ def _without(fit: Fit, name: str, held: HeldOut, threads: int) -> Fit | None:
     poorer = [rung.fit for rung in race(fit, trials, threads)]
     if not poorer:
         return None
-    least = _to_its_end(min(poorer, key=_rms))
+    least = min(poorer, key=_rms)
     if _NEARLY * fit.rms < least.rms:
         return least
+    least = _to_its_end(least)
     # Detail that costs more than the name it replaces imitates it (the start of a long chain of
     # creep elements is any smooth curve).
     finer = [r.fit for r in race(least, shape_refinements(least), threads) if plausible(r)]

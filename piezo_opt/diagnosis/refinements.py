@@ -7,7 +7,9 @@ of an actuator are there even where its first fit had to leave them out.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -97,30 +99,46 @@ def with_base_details(trial: Trial, also: str = "") -> Trial:
     )
 
 
-def lean(fit: Fit, rung: Rung) -> Rung:
-    """A rung without the details that it does not pay for, of the base model or of its effect."""
+def lean(fit: Fit, rung: Rung, threads: int) -> Rung:
+    """A rung without the details that it does not pay for, of the base model or of its effect.
+
+    Args:
+        fit: the fit below.
+        rung: a richer one.
+        threads: refits that run at a time.
+    """
     own = "" if rung.suspect is None else rung.suspect.name
     spare = [
         k for k in rung.fit.question.free
         if k not in fit.question.free
         and (rung.fit.model[k.split(".")[0]].structural or k.split(".")[0] == own)
     ]  # fmt: skip
-    for name in spare:
-        question = rung.fit.question
-        kept = replace(question, free=tuple(k for k in question.free if k != name))
-        held = fit.values.get(name, question.model.parameters[name].nominal)
-        try:
-            poorer = solved(
-                replace(kept, values={**kept.values, name: held}),
-                {**rung.fit.values, name: held},
-                _ASIDE,
-            )
-        except (PiezoOptError, ArithmeticError):
-            continue
-        if bic_gain(poorer, rung.fit) < STRONG:
-            trial = replace(rung.trial, refines=tuple(k for k in rung.trial.refines if k != name))
-            rung = Rung(trial, poorer, rung.delta_bic - bic_gain(poorer, rung.fit))
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        while spare:
+            # Asked side by side; after one that goes the others are asked again, without it.
+            few = spare[:threads]
+            for name, poorer in zip(few, pool.map(partial(_aside, fit, rung), few), strict=True):
+                spare.remove(name)
+                if poorer is not None and bic_gain(poorer, rung.fit) < STRONG:
+                    refines = tuple(k for k in rung.trial.refines if k != name)
+                    delta = rung.delta_bic - bic_gain(poorer, rung.fit)
+                    rung = Rung(replace(rung.trial, refines=refines), poorer, delta)
+                    break
     return rung
+
+
+def _aside(fit: Fit, rung: Rung, name: str) -> Fit | None:
+    """A rung's fit with one detail as it is below; None where that cannot be fitted."""
+    question = rung.fit.question
+    held = fit.values.get(name, question.model.parameters[name].nominal)
+    kept = replace(
+        question, free=tuple(k for k in question.free if k != name),
+        values={**question.values, name: held},
+    )  # fmt: skip
+    try:
+        return solved(kept, {**rung.fit.values, name: held}, _ASIDE)
+    except (PiezoOptError, ArithmeticError):
+        return None
 
 
 def plausible(rung: Rung) -> bool:

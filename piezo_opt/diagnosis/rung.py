@@ -36,8 +36,12 @@ _RACE = 1.5
 """Error over the best rival's beyond which a refit is out of the race..."""
 _PODIUM = 3
 """...unless it is among the best so many."""
+OUTSIDE = 2.0
+"""Error over that of a fit that is to be beaten beyond which a refit that has slowed down is given
+up before it is decided."""
 _HOPELESS = 4.0
-"""Error over that of a rival from an earlier race beyond which nobody is followed."""
+"""Error over that of a rival from an earlier race, or of what stands, beyond which nobody is
+followed."""
 _BEHIND = 1.1
 """Error over that of the fit below up to which more detail stays in the race."""
 
@@ -105,9 +109,21 @@ def adding(below: Fit, suspect: Suspect) -> Trial:
     return Trial(fit.question.with_model(model), start, suspect, ground=joined)
 
 
-def solved(question: Identification, start: Mapping[str, float], iterations: int = 40) -> Fit:
-    """A fit good enough to compare models by; an interrupt ends the ladder, not only this fit."""
-    solver = LevenbergMarquardt(iterations=iterations, tolerance=_CLOSE)
+def solved(
+    question: Identification,
+    start: Mapping[str, float],
+    iterations: int = 40,
+    beyond: float = float("inf"),
+) -> Fit:
+    """A fit good enough to compare models by; an interrupt ends the ladder, not only this fit.
+
+    Args:
+        question: the question.
+        start: values to begin at.
+        iterations: most steps taken.
+        beyond: rms [m] at which a search that has slowed down is given up.
+    """
+    solver = LevenbergMarquardt(iterations=iterations, tolerance=_CLOSE, beyond=beyond)
     coarse = SingleShooting(refine=False)
     return _heeding(
         solve(question, start=start, solver=solver, transcription=coarse, statistics=False)
@@ -140,6 +156,7 @@ def race(
     *,
     most: int | None = None,
     rivals: Sequence[Rung] = (),
+    standing: Fit | None = None,
 ) -> list[Rung]:
     """Refit all trials; only those that are still near the best are followed to their end.
 
@@ -150,11 +167,13 @@ def race(
         most: refits that are followed at most; without it all that are near, and more detail of
             what the model has unless it is behind.
         rivals: refits of the same fit that have been followed before; not returned again.
+        standing: what stands where they would, and they are to reach, where there is such a fit.
     """
+    outside = float("inf") if standing is None else OUTSIDE * standing.rms
 
     def one(trial: Trial) -> Rung | None:
         try:
-            richer = solved(trial.question, trial.start, _FIRST)
+            richer = solved(trial.question, trial.start, _FIRST, outside)
         except NO_FIT:
             return None
         return Rung(trial, richer, bic_gain(fit, richer))
@@ -173,7 +192,8 @@ def race(
         ranked = sorted(r.fit.rms for r in rungs)
         near = min(_RACE * ranked[0], ranked[:most][-1])
         third = ranked[:_PODIUM][-1]
-        hopeless = _HOPELESS * min((r.fit.rms for r in rivals), default=float("inf"))
+        known = [r.fit.rms for r in rivals] + ([] if standing is None else [standing.rms])
+        hopeless = _HOPELESS * min(known, default=float("inf"))
         # More detail of what the model has comes before another name: it is followed unless it
         # has lost what it began with.
         detail = _BEHIND * fit.rms if most is None else 0.0

@@ -412,19 +412,20 @@ def test_where_the_closest_is_far_from_noise_or_from_the_other_record_all_begin_
     error: float, elsewhere: float, fresh: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A mount and friction had imitated a warm-up to 1.9 times the noise, and 9 elsewhere."""
-    assert all_afresh(monkeypatch, effect("bent", error, elsewhere), left=True) is fresh
+    bent = effect("bent", error, elsewhere)
+    assert all_afresh(monkeypatch, bent, left=True, below=3.0) is fresh
 
 
 @pytest.mark.usefixtures("unit_noise")
 @pytest.mark.parametrize(
     ("below", "elsewhere", "first", "fresh"),
-    [(8.5, 3.0, True, True), (8.7, 3.0, True, False), (8.7, 9.1, True, True),
-     (8.7, 3.0, False, True)],
+    [(4.5, 3.0, True, True), (4.7, 3.0, True, False), (4.7, 9.1, True, True),
+     (4.7, 3.0, False, True)],
 )  # fmt: skip
 def test_where_the_scores_have_shown_the_way_what_is_left_is_another_effects(
     below: float, elsewhere: float, first: bool, fresh: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A lag that takes 19 noises to 3 is none of those forty that would begin afresh."""
+    """A mode that takes 5 noises to 3 is none of those forty that would begin afresh."""
     near = effect("lag", 3.0, elsewhere)
     assert all_afresh(monkeypatch, near, left=True, first=first, below=below) is fresh
 

@@ -344,7 +344,7 @@ def test_a_form_that_is_exact_in_its_details_is_found_from_another_form() -> Non
     (rung,) = race(base, [adding(base, suspect)], 1)
     plain = solved(base.question.with_model(STILL + Asymmetry()), base.values)
     assert plain.rms > rung.fit.rms > 4.0 * NOISE
-    found = module._shaped(base, rung, suspect).fit
+    found = module._shaped(base, rung, suspect, 1).fit
     assert found.model == STILL + Asymmetry()
     assert found.rms == pytest.approx(NOISE, rel=0.05)
 
@@ -365,24 +365,24 @@ def creeping_loop(exponent: float) -> tuple[po.Fit, Rung]:
 
 def test_a_detail_that_the_record_pays_for_stays_beside_the_effect() -> None:
     fit, rung = creeping_loop(1.6)
-    assert lean(fit, rung) is rung
+    assert lean(fit, rung, 2) is rung
     assert rung.fit.values["bouc_wen.n"] == pytest.approx(1.6, rel=0.1)
 
 
 def test_a_detail_that_was_freed_in_vain_is_fixed_again() -> None:
     fit, rung = creeping_loop(1.0)
-    slim = lean(fit, rung)
+    slim = lean(fit, rung, 2)
     assert slim.suspect is rung.suspect
     assert (slim.trial.refines, slim.fit.question.free) == ((), ())
     assert slim.fit.values["bouc_wen.n"] == 1.0
     assert slim.fit.rms == pytest.approx(NOISE, rel=0.05)
     # What was free before the effect came is none of its costs.
-    assert lean(rung.fit, rung) is rung
+    assert lean(rung.fit, rung, 2) is rung
     # On as many samples as before, so that it can be compared with the rivals still.
     n = effective_samples(rung.fit.residuals)
     assert slim.delta_bic == pytest.approx(bic_gain(fit, slim.fit, n), rel=1e-9)
     assert slim.delta_bic > rung.delta_bic
-    counted = lean(fit, replace(rung, delta_bic=500.0))
+    counted = lean(fit, replace(rung, delta_bic=500.0), 2)
     assert counted.delta_bic - 500.0 == pytest.approx(slim.delta_bic - rung.delta_bic)
 
 
@@ -397,14 +397,14 @@ def test_an_effect_keeps_the_details_that_it_pays_for() -> None:
     # From the grid's 1.2 s it would end in a neighbouring minimum, 0.3 % above.
     begin = {**plain.start, "creep.tau": 0.03, "creep.power": 0.1, "creep.spread": 1.05}
     freed = solved(question, begin)
-    slim = lean(fit, Rung(replace(plain, question=question), freed, bic_gain(fit, freed)))
+    slim = lean(fit, Rung(replace(plain, question=question), freed, bic_gain(fit, freed)), 2)
     assert slim.fit.question.free == ("creep.power",)
     assert slim.fit.values["creep.spread"] == 1.0
     assert slim.fit.values["creep.power"] == pytest.approx(0.6, rel=0.2)
     assert slim.fit.rms == pytest.approx(NOISE, rel=0.05)
     # Details of an effect that was there before are not its own to drop.
     other = replace(plain, question=question, suspect=None)
-    assert lean(fit, Rung(other, freed, 0.0)).fit is freed
+    assert lean(fit, Rung(other, freed, 0.0), 2).fit is freed
 
 
 def test_everybody_enters_beside_a_base_that_has_forgotten() -> None:
@@ -644,7 +644,7 @@ def test_a_contender_has_a_second_start_where_its_shapes_may_be_elsewhere(
     wrong = {**trial.start, "friction.F": 1e-3, "friction.z0": 1.0}
     right = {**trial.start, **{f"friction.{k}": v for k, v in law.items()}}
     monkeypatch.setattr(module, "joint_starts", lambda *_: (wrong, right))
-    monkeypatch.setattr(module, "_founded", lambda _, rung: rung)
+    monkeypatch.setattr(module, "_founded", lambda _, rung, __: rung)
     best = module._chance(fit, stuck, fit.question, 1)
     assert best.fit.values["friction.z0"] == pytest.approx(4e-7, rel=0.05)
     assert best.fit.rms == pytest.approx(NOISE, rel=0.05)

@@ -132,23 +132,25 @@ def test_what_is_right_stays(records: tuple[po.Measurement, po.Measurement]) -> 
 
 
 @pytest.mark.parametrize(
-    ("last", "gives_way", "expected"),
+    ("last", "gives_way", "to", "expected"),
     [
-        (False, "", ["first", "second"]),
-        (True, "", ["first", "second", "third"]),
-        (False, "second", ["first", "second", "third"]),
+        (False, "", "", ["first", "second"]),
+        (True, "", "", ["first", "second", "third"]),
+        (False, "second", "other", ["first", "second", "third"]),
+        (False, "second", "second", ["first", "second"]),
     ],
 )
 def test_the_last_step_is_asked_only_where_it_was_judged_beside_something_else(
-    last: bool, gives_way: str, expected: list[str], monkeypatch: pytest.MonkeyPatch
+    last: bool, gives_way: str, to: str, expected: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Another effect is something else; the same one in another form is not."""
     asked: list[str] = []
 
     def rival(_: object, step: Any, *__: object) -> Any:
         asked.append(step.name)
         if step.name != gives_way:
             return None
-        other = SimpleNamespace(name="other", effect=None, p_value=0.0)
+        other = SimpleNamespace(name=to, effect=None, p_value=0.0)
         return SimpleNamespace(fit=nothing, suspect=other)
 
     seen = SimpleNamespace(ranked=(), suspects=())
@@ -161,7 +163,7 @@ def test_the_last_step_is_asked_only_where_it_was_judged_beside_something_else(
     steps: Any = [SimpleNamespace(name=name) for name in ("first", "second", "third")]
     nothing: Any = SimpleNamespace(record=None, names=("first.a", "second.a", "third.a"))
     _, _, gone = exchange(nothing, nothing, steps, nothing, (), threads=1, last=last)
-    assert (asked, gone) == (expected, [(gives_way, "other")] if gives_way else [])
+    assert (asked, gone) == (expected, [(gives_way, to)] if gives_way else [])
 
 
 def test_only_those_with_more_parameters_than_asked_for_give_way(
@@ -181,7 +183,8 @@ def test_a_rival_begins_beside_the_others_as_they_were(
     foot, fit, steps, held = climbed(*records, Creep(elements=1), SensorCurvature())
     tried: list[Trial] = []
 
-    def race(_: po.Fit, trials: list[Trial], __: int) -> list[Trial]:
+    def race(_: po.Fit, trials: list[Trial], __: int, standing: po.Fit) -> list[Trial]:
+        assert standing is fit
         tried.extend(trials)
         return []
 
@@ -208,7 +211,7 @@ def test_who_still_explains_a_part_at_the_end_is_fitted_in_each_place(
     foot, fit, steps, _ = climbed(*records, Creep(elements=1), SensorCurvature())
     tried: list[str] = []
 
-    def race(_: po.Fit, trials: list[Trial], __: int) -> list[Rung]:
+    def race(_: po.Fit, trials: list[Trial], __: int, **___: po.Fit) -> list[Rung]:
         tried.extend(t.suspect.name for t in trials if t.suspect)
         return []
 
@@ -323,6 +326,7 @@ def test_the_fit_without_a_step_begins_where_that_led_and_before_it(
     foot: Any = SimpleNamespace(values={"bouc_wen.beta": 1.0})
     values = {"bouc_wen.beta": 5.0, "second_order.omega": 7.0}
     fit: Any = SimpleNamespace(values=values, model=MOVING + Friction(), question=question)
-    found = module._without(foot, fit, SimpleNamespace(name="friction"))  # type: ignore[arg-type]
+    step: Any = SimpleNamespace(name="friction")
+    found = module._without(foot, fit, step, 1)
     assert began == [values, {**values, "bouc_wen.beta": 1.0}]
     assert (None if found is None else found.rms) == expected

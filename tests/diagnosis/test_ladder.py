@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -468,6 +469,36 @@ def test_where_only_noise_is_left_laws_with_much_freedom_are_asked_for_their_pla
     assert [options["beyond"] for options in exchanges] == [beyond]
 
 
+@pytest.mark.parametrize("spare", [False, True])
+def test_places_are_asked_for_beside_the_pruning_and_again_where_that_drops_a_step(
+    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, spare: bool
+) -> None:
+    """Two threads ask at once; what comes of a place is what one after the other would."""
+    ladder, held = two
+    begun = threading.Event()
+    asked: list[tuple[int, bool]] = []
+
+    def exchange(*given: Any, last: bool, **_: Any) -> Any:
+        asked.append((len(given[2]), last))
+        begun.set()
+        return given[1], given[2], [("here", f"of {len(given[2])}")]
+
+    def prune(fit: po.Fit, steps: Any, *_: Any, **__: Any) -> Any:
+        assert begun.wait(10.0)
+        return (fit, list(steps[1:]), [steps[0].name]) if spare else (fit, list(steps), [])
+
+    told: list[str] = []
+    monkeypatch.setattr(module, "exchange", exchange)
+    monkeypatch.setattr(module, "prune", prune)
+    monkeypatch.setattr(module, "nothing_to_win", lambda _: False)
+    way = module._Climb(ladder.baseline, (), held, [], told.append, 1)
+    stand = module._Stand(ladder.final, None, (), ladder.steps)
+    found = way.revised(replace(stand, steps=()), stand)
+    assert asked == ([(2, False), (1, True)] if spare else [(2, False)])
+    assert told[-1] == ("exchanged here for of 1" if spare else "exchanged here for of 2")
+    assert len(found.steps) == (1 if spare else 2)
+
+
 @pytest.mark.parametrize(("p_value", "asked"), [(1e-9, [0]), (1e-2, [])])
 def test_steps_are_asked_again_where_an_effect_still_explains_what_is_left(
     two: tuple[Ladder, HeldOut], exchanges: list[dict[str, Any]],
@@ -479,7 +510,7 @@ def test_steps_are_asked_again_where_an_effect_still_explains_what_is_left(
     monkeypatch.setattr(module, "scored", lambda *_: (scores, ()))
     way = module._Climb(ladder.baseline, (), held, [], lambda _: None, 1)
     way.reconsidered(module._Stand(ladder.final, None, (), ladder.steps))
-    assert [options["beyond"] for options in exchanges] == asked
+    assert [options.get("beyond", 0) for options in exchanges] == asked
 
 
 @pytest.mark.parametrize(

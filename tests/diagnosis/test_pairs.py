@@ -11,8 +11,8 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis import base_point as module
+from piezo_opt.diagnosis import choice, pairs, shortlist
 from piezo_opt.diagnosis import ladder as climbing
-from piezo_opt.diagnosis import pairs, shortlist
 from piezo_opt.diagnosis.base_point import BasePoint, base_point
 from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
 from piezo_opt.diagnosis.ladder import _unaided, climb
@@ -104,6 +104,27 @@ def test_few_pairs_are_followed_to_their_end(monkeypatch: pytest.MonkeyPatch) ->
     assert pair(foot, foot, held, few, threads=2) is None
     # Everybody alone, and then those that are paired.
     assert asked == [None, 12]
+
+
+@pytest.mark.parametrize(("left", "finished"), [(1.3, 3), (1.0, 1)])
+def test_pairs_are_finished_until_one_leaves_nothing_to_win(
+    left: float, finished: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The closest first; where nothing is left to be won, what comes after it wins nothing."""
+    foot, held = below_resonance()
+    done: list[Rung] = []
+
+    def finish(_: po.Fit, __: po.Fit, rung: Rung, ___: int) -> Rung:
+        done.append(rung)
+        return rung
+
+    monkeypatch.setattr(pairs, "_finished", finish)
+    monkeypatch.setattr(pairs, "judged", lambda *_: [])
+    monkeypatch.setattr(choice, "noise_floor", lambda fit: SimpleNamespace(rms=fit.rms / left))
+    monkeypatch.setattr(pairs, "_SAME", 2.0)
+    assert pair(foot, foot, held, OFFERED, threads=2) is None
+    assert len(done) == finished
+    assert [r.fit.rms for r in done] == sorted(r.fit.rms for r in done)
 
 
 def test_who_cannot_be_simulated_again_is_not_paired(monkeypatch: pytest.MonkeyPatch) -> None:

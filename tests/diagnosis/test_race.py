@@ -62,6 +62,27 @@ def test_nobody_is_followed_far_behind_a_rival_of_an_earlier_race(followed: list
     assert sorted(r.fit.rms for r in rungs) == [3.9, 4.1, 4.2]
 
 
+def test_who_is_to_reach_what_stands_is_given_up_far_from_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """At twice the error where a search slows down; four times the error is not followed."""
+    asked: list[tuple[int, float]] = []
+
+    def solved(question: Any, _: Any, iterations: int, beyond: float = float("inf")) -> Any:
+        asked.append((iterations, beyond))
+        return question
+
+    monkeypatch.setattr(rung, "solved", solved)
+    monkeypatch.setattr(rung, "bic_gain", lambda *_: 0.0)
+    trials = [entering(e) for e in (3.8, 4.1)]
+    race(BELOW, trials, 1, standing=ending(1.0))
+    free = (rung._LATER, float("inf"))
+    assert asked == [(rung._FIRST, 2.0), (rung._FIRST, 2.0), free]
+    asked.clear()
+    race(BELOW, trials, 1)
+    assert asked == [(rung._FIRST, float("inf"))] * 2 + [free, free]
+
+
 def test_an_interrupt_ends_more_than_the_fit_that_it_meets(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -116,13 +137,13 @@ def test_between_laws_that_leave_but_noise_their_details_decide(
     """A mount has more freedom than friction has; static friction may fit better still."""
     shaped: list[str] = []
 
-    def in_detail(_: Any, found: Rung, suspect: Any) -> Rung:
+    def in_detail(_: Any, found: Rung, suspect: Any, *__: Any) -> Rung:
         shaped.append(suspect.name)
         return found
 
     monkeypatch.setattr(contest, "_explained", lambda _: True)
     monkeypatch.setattr(contest, "_shaped", in_detail)
-    monkeypatch.setattr(contest, "_founded", lambda _, found: found)
+    monkeypatch.setattr(contest, "_founded", lambda _, found, __: found)
     monkeypatch.setattr(contest, "_simpler", lambda *_: False)
     monkeypatch.setattr(contest, "judged", lambda _, rungs: list(rungs))
 
@@ -146,13 +167,13 @@ def test_who_stands_without_mechanics_gets_them_where_the_best_has_them(
     """A force brings its own; a bent sensor is not to lose for that."""
     equipped: list[str] = []
 
-    def founded(_: Any, found: Rung) -> Rung:
+    def founded(_: Any, found: Rung, __: int) -> Rung:
         assert found.suspect is not None
         equipped.append(found.suspect.name)
         return found
 
     monkeypatch.setattr(contest, "_explained", lambda _: True)
-    monkeypatch.setattr(contest, "_shaped", lambda _, found, __: found)
+    monkeypatch.setattr(contest, "_shaped", lambda _, found, *__: found)
     monkeypatch.setattr(contest, "_founded", founded)
     monkeypatch.setattr(contest, "_simpler", lambda *_: False)
     monkeypatch.setattr(contest, "judged", lambda _, rungs: list(rungs))
@@ -163,3 +184,40 @@ def test_who_stands_without_mechanics_gets_them_where_the_best_has_them(
     equipped.clear()
     contest.contest(BELOW, [named("drift", 1.0, still=True), bent], BELOW)
     assert equipped == []
+
+
+def test_who_is_behind_has_no_second_start_and_no_other_forms(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of 36 contenders of the bench beyond a quarter more error than the best none has won."""
+    near: dict[str, bool] = {}
+    tried: list[list[str]] = []
+
+    def chance(_: Any, found: Rung, __: Any, ___: int, is_near: bool) -> Rung:
+        assert found.suspect is not None
+        near[found.suspect.name] = is_near
+        return found
+
+    def best(_: Any, found: Rung, trials: list[str], *__: Any) -> Rung:
+        tried.append(trials)
+        return found
+
+    monkeypatch.setattr(contest, "_chance", chance)
+    monkeypatch.setattr(contest, "_explained", lambda _: False)
+    monkeypatch.setattr(contest, "settled", lambda _: False)
+    monkeypatch.setattr(contest, "_after", lambda *_: None)
+    monkeypatch.setattr(contest, "judged", lambda _, rungs: list(rungs))
+    rungs = [named(str(error), error) for error in (1.0, 1.24, 1.26, 1.59, 1.61)]
+    contest.contest(named("nothing", 2.0).fit, rungs, BELOW)
+    assert near == {"1.0": True, "1.24": True, "1.26": False, "1.59": False}
+
+    monkeypatch.setattr(contest, "_best", best)
+    monkeypatch.setattr(contest, "shape_refinements", lambda _: [])
+    monkeypatch.setattr(contest, "other_forms", lambda *_: ["another form"])
+    monkeypatch.setattr(contest, "with_base_details", lambda trial, _: trial)
+    monkeypatch.setattr(contest, "explained", lambda _: False)
+    law: Any = SimpleNamespace(name="creep")
+    for is_near, forms in ((True, [[], ["another form"]]), (False, [[]])):
+        tried.clear()
+        contest._shaped(BELOW, rungs[0], law, 1, is_near)
+        assert tried == forms

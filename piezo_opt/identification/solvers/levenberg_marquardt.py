@@ -12,6 +12,7 @@ from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.outcome import Ending
 from piezo_opt.identification.solvers.base import Solution
 from piezo_opt.identification.tall import gram
+from piezo_opt.simulation.accuracy import DIVERGED
 
 FloatArray = NDArray[np.float64]
 
@@ -28,6 +29,9 @@ _GROWTH = 4.0
 a step refused lightly damped is refused by orders of magnitude."""
 _LIGHT = 1e-3
 """Damping up to which a step's predicted gain is what there is to be gained."""
+_OPENING, _STALL = 5, 0.36
+"""From so many iterations on a search that is too far off ends where one more lowers the cost by
+less than this share (a fifth of the rms)."""
 _STILL = "no step lowers the cost further"
 _DONE = "the cost would fall no further"
 
@@ -47,6 +51,7 @@ class LevenbergMarquardt:
     Args:
         iterations: most steps taken.
         tolerance: relative decrease of the cost below which it has converged.
+        beyond: rms [m] at which a search that has slowed down is given up; never by default.
 
     References: More (1978), The Levenberg-Marquardt algorithm, Lecture Notes in Mathematics 630;
     Madsen, Nielsen & Tingleff (2004), Methods for Non-Linear Least Squares Problems, DTU, ch. 3;
@@ -56,6 +61,7 @@ class LevenbergMarquardt:
 
     iterations: int = 200
     tolerance: float = 1e-9
+    beyond: float = float("inf")
 
     @property
     def name(self) -> str:
@@ -85,13 +91,16 @@ class LevenbergMarquardt:
             weighted = objective.robust(point)
             straight = ~relative | (theta < _SMALL * unknowns.scale)
             scale = np.where(straight, unknowns.scale, theta)
-            if not weighted.usable:
+            with np.errstate(over="ignore", invalid="ignore"):
+                gradient = weighted.jacobian.T @ weighted.residual
+                normal = gram(weighted.jacobian)
+            # As good as looking through the whole Jacobian.
+            if not (np.abs(gradient) < DIVERGED).all() or not (np.abs(normal) < DIVERGED).all():
                 return Solution(
                     theta, Ending.FAILED,
                     "The sensitivities are not finite at the best point; tighten the bounds.",
                 )  # fmt: skip
-            gradient = scale * (weighted.jacobian.T @ weighted.residual)
-            normal = gram(weighted.jacobian) * np.outer(scale, scale)
+            gradient, normal = scale * gradient, normal * np.outer(scale, scale)
             now = np.sqrt(np.diag(normal))
             norms = np.where(straight, np.maximum(norms, now), now)
             weight = np.where(norms > 0, norms, 1.0) ** 2
@@ -135,6 +144,14 @@ class LevenbergMarquardt:
             if len(history) > _PATIENCE and history[-1 - _PATIENCE] < (1.0 + _CRAWL) * cost:
                 return Solution(
                     theta, Ending.CONVERGED, "the cost falls only along a valley without end",
+                    point=ahead,
+                )  # fmt: skip
+            slowed = len(history) > _OPENING and decrease < _STALL * history[-2]
+            if slowed and objective.rms(ahead.residual) > self.beyond:
+                return Solution(
+                    theta, Ending.LIMIT,
+                    f"Given up after {len(history) - 1} iterations: still above the rms of "
+                    f"{self.beyond:.3g} m that it was to reach, and hardly falling.",
                     point=ahead,
                 )  # fmt: skip
             point = ahead
