@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -405,6 +407,37 @@ def test_an_effect_keeps_the_details_that_it_pays_for() -> None:
     # Details of an effect that was there before are not its own to drop.
     other = replace(plain, question=question, suspect=None)
     assert lean(fit, Rung(other, freed, 0.0), 2).fit is freed
+
+
+def test_of_two_details_that_can_do_without_each_other_one_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """They are asked side by side; beside what is left after the first the second one is needed."""
+
+    def having(*free: str) -> Any:
+        model = {"bouc_wen": SimpleNamespace(structural=True)}
+        return SimpleNamespace(question=SimpleNamespace(free=free), model=model)
+
+    def aside(_: Any, rung: Rung, name: str) -> Any:
+        asked.append((rung.fit.question.free, name))
+        return having(*(k for k in rung.fit.question.free if k != name))
+
+    def gain(poorer: Any, richer: Any) -> float:
+        left = len(poorer.question.free)
+        return 100.0 if left == 0 or len(richer.question.free) == left else 1.0
+
+    asked: list[tuple[tuple[str, ...], str]] = []
+    monkeypatch.setattr(refining, "_aside", aside)
+    monkeypatch.setattr(refining, "bic_gain", gain)
+    first, second = "bouc_wen.n", "bouc_wen.h_s"
+    for threads in (1, 2):
+        asked.clear()
+        trial: Any = Trial(None, {}, refines=(first, second))  # type: ignore[arg-type]
+        slim = lean(having(), Rung(trial, having(first, second), 300.0), threads)
+        assert slim.fit.question.free == (second,)
+        assert slim.trial.refines == (second,)
+        assert slim.delta_bic == 299.0
+        assert asked[-1] == ((second,), second)
 
 
 def test_everybody_enters_beside_a_base_that_has_forgotten() -> None:

@@ -24,7 +24,7 @@ from piezo_opt.effects import (
 from piezo_opt.errors import ModelError
 from piezo_opt.measurement import Between, Measurement
 from piezo_opt.simulation import Accuracy, Simulator, Substeps
-from piezo_opt.simulation.accuracy import choose
+from piezo_opt.simulation.accuracy import choose, fastest_rates
 from piezo_opt.values import Values
 
 FloatArray = NDArray[Any]
@@ -124,6 +124,23 @@ def test_a_model_too_stiff_for_the_record_is_refused_with_the_remedy() -> None:
     drive = np.sin(time)
     with pytest.raises(ModelError, match=r"too stiff.*sub-steps.*drop the mechanics"):
         Simulator(BASE, Measurement(time, drive, 1e-7 * drive), values)
+
+
+def test_the_rates_that_sub_steps_are_first_guessed_by() -> None:
+    """A mass moves by itself, a loop with the drive: h' = -beta |v'| h where h is small."""
+    time = np.linspace(0.0, 1.0, 101)
+    record = Measurement(time, 30.0 * time, 1e-6 * time)
+    model = PiezoGain() + BoucWen() + SecondOrder() + Offset()
+    values = {
+        **Values.nominal(model), "bouc_wen.beta": 40.0, "bouc_wen.gamma": 0.0,
+        "second_order.omega": 25.0, "second_order.zeta": 0.1,
+    }  # fmt: skip
+    simulator = Simulator(model, record, values)
+    parameters = np.array([values[name] for name in simulator.system.parameter_names])
+    segment = simulator.segment(values)
+    by_itself, by_drive = fastest_rates(simulator.system, segment, parameters, np.zeros(3))
+    assert by_itself == pytest.approx(25.0)
+    assert by_drive == pytest.approx((40.0 * 30.0 - 25.0) / 30.0)
 
 
 def test_a_lagged_drive_that_is_left_behind_at_the_start_costs_nothing_later() -> None:
