@@ -42,10 +42,10 @@ _LEVEL = 1.1
 """The same where the best leaves but noise."""
 _CLOSE = 1.25
 """The same where the best leaves no structure."""
-_FAR = 1.5
-"""Error over the floor beyond which it takes more than a look to call it slow noise."""
 _SECOND = 1.25
 """The same of who has a second start, and other forms."""
+_FAR = 1.5
+"""Error over the floor beyond which it takes more than a look to call it slow noise."""
 _WORTH = 1.5
 """Error of a fresh start over the other's beyond which it is not followed."""
 _HELPS = 0.97
@@ -80,7 +80,7 @@ def contest(
     best = named[0].fit
     closest = min(rungs, key=lambda r: r.fit.rms).fit
 
-    def behind_it(pair: tuple[Rung, Rung]) -> Rung | None:
+    def begun_there(pair: tuple[Rung, Rung]) -> Rung | None:
         return _after(fit, *pair, threads)
 
     if _explained(closest) and not afresh:
@@ -96,7 +96,7 @@ def contest(
             detailed = list(pool.map(lambda r: _detailed(fit, r, threads), trying))
             # Whoever has fewer parameters may do exactly what a law with more freedom has found.
             after = [(r, o) for o in detailed or level for r in named if _simpler(r, o)]
-            detailed += [r for r in pool.map(behind_it, after) if r]
+            detailed += [r for r in pool.map(begun_there, after) if r]
         return judged(fit, [*rungs, *detailed]) if detailed else first
     near = _CLOSE if settled(best) else _NEAR
     contenders = [r for r in named if r.fit.rms < near * best.rms][:_MOST]
@@ -111,7 +111,7 @@ def contest(
         # Whoever can do exactly what another one does begins there as well, however far behind.
         behind = [r for r in named if r not in contenders]
         pairs = [(r, other) for r in [*fitted, *behind] for other in fitted if other is not r]
-        fitted += [r for r in pool.map(behind_it, pairs) if r is not None]
+        fitted += [r for r in pool.map(begun_there, pairs) if r is not None]
     return judged(fit, [*rungs, *fitted])
 
 
@@ -194,7 +194,7 @@ def _detailed(fit: Fit, rung: Rung, threads: int) -> Rung:
 
 
 def _shaped(fit: Fit, best: Rung, suspect: Suspect, threads: int, near: bool = True) -> Rung:
-    """A contender in more detail of its own, as far as that pays, and in its other forms."""
+    """A contender in more detail of its own, as far as that pays; near the best in other forms."""
     details = [
         trial for trial in shape_refinements(best.fit)
         if all(name.startswith(f"{suspect.name}.") for name in trial.refines)

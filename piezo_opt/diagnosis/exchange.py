@@ -79,6 +79,8 @@ def exchange(
         beyond: parameters of an effect of its own, beyond which its step is asked for.
         also: names that are fitted in each place, whatever their scores there.
 
+    Returns:
+        the fit, the steps, and what gave way to what (see :data:`Exchange`).
     """
     now = list(steps)
     gone: list[tuple[str, str]] = []
