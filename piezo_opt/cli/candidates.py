@@ -18,7 +18,7 @@ from piezo_opt.errors import InputError
 @final
 @dataclass(frozen=True)
 class Candidates:
-    """Effects that a file offers, and sentences about classes that it cannot offer."""
+    """Effects that a file offers, and sentences about what it cannot offer."""
 
     effects: tuple[Effect, ...] = ()
     remarks: tuple[str, ...] = ()
@@ -28,14 +28,15 @@ def read_candidates(path: Path) -> Candidates:
     """Every effect that is defined in a Python file, in the order written.
 
     A class that another file defines, an abstract one, and one whose name begins with an
-    underscore is no candidate. One that cannot be made is left out with a remark.
+    underscore is no candidate. One that cannot be made is left out with a remark. Where the file
+    itself raises, a remark says in which line, and what it had defined by then is offered.
 
     Raises:
-        InputError: there is no such file, it raises (with the line in it), or it has no effect.
+        InputError: there is no such file, or it is none of Python, or it has no effect.
     """
     if not path.is_file():
         raise InputError(f"--candidates {path}: there is no such file: give a .py file")
-    module = _run(path)
+    module, raised = _run(path)
     kinds = [
         kind
         for kind in vars(module).values()
@@ -45,13 +46,13 @@ def read_candidates(path: Path) -> Candidates:
         and not inspect.isabstract(kind)
         and not kind.__name__.startswith("_")
     ]
-    if not kinds:
+    if not kinds and not raised:
         raise InputError(
             f"--candidates {path}: it defines no effect: write a class that derives from "
             "piezo_opt.Effect"
         )
     effects: list[Effect] = []
-    remarks: list[str] = []
+    remarks = [f"--candidates {sentence}: what follows it is left out." for sentence in raised]
     for kind in dict.fromkeys(kinds):
         if kind.structural:
             remarks.append(f"{kind.__name__} ({path}) is structural: it has no gate to be scored.")
@@ -63,7 +64,8 @@ def read_candidates(path: Path) -> Candidates:
     return Candidates(tuple(effects), tuple(remarks))
 
 
-def _run(path: Path) -> ModuleType:
+def _run(path: Path) -> tuple[ModuleType, list[str]]:
+    """The module as far as it got, and where it raised, if it did."""
     name = f"candidates_of_{path.stem}"
     specification = importlib.util.spec_from_file_location(name, path)
     if specification is None or specification.loader is None:
@@ -73,10 +75,9 @@ def _run(path: Path) -> ModuleType:
     sys.modules[name] = module
     try:
         specification.loader.exec_module(module)
-    except Exception as error:
-        del sys.modules[name]
-        raise InputError(f"--candidates {_said(error, path)}") from error
-    return module
+    except Exception as error:  # whatever a user's own code raises
+        return module, [_said(error, path)]
+    return module, []
 
 
 def _said(error: Exception, path: Path) -> str:
