@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from piezo_opt.effects import BoucWen, Model, Offset, PiezoGain, SecondOrder
+from piezo_opt.effects import BoucWen, Model, Offset, PiezoGain, SecondMode, SecondOrder
 from piezo_opt.errors import PiezoOptError
-from piezo_opt.measurement import Measurement
+from piezo_opt.measurement import Between, Measurement
 from piezo_opt.simulation import INITIAL, Simulator, Substeps
 from piezo_opt.simulation.compiler import load
 from piezo_opt.simulation.emit import emit
@@ -41,6 +41,12 @@ _EXPONENT: Final = "bouc_wen.n"
 _BENT: Final = 1.3
 """The exponent of the loop where it is free."""
 _FREE: Final = ", exponent free"
+
+TWO_MODES: Final[Model] = MODEL + SecondMode()
+_MODES: Final = {
+    "second_order.omega": 0.5 * RATE, "second_mode.g": 0.1, "second_mode.omega": 1.5 * RATE,
+}  # fmt: skip
+"""Resonances at a twelfth and a quarter of the sampling rate."""
 
 STRAIGHT: Final = "#define LOOP(h) (a - b * (h) - g * fabs(h))\n"
 POWER: Final = "#define LOOP(h) (a - pow(fabs(h) / 1e-6, n - 1.0) * (b * (h) + g * fabs(h)))\n"
@@ -93,7 +99,7 @@ class Speed:
     Attributes:
         name: what ran.
         per_sample: [ns] a sample, the fastest of the repetitions.
-        per_substep: [ns] a sub-step; None for an integrator that chooses its own steps.
+        per_substep: [ns] a sub-step; None for an integrator of another kind.
         ratio: time over that of the loop written by hand.
         note: what was measured, where it is not the whole record.
     """
@@ -176,7 +182,12 @@ def measure(samples: int = 100_000, repetitions: int = 7, *, references: bool = 
         raise PiezoOptError("The speed of compiled code needs a C compiler: install gcc or clang.")
     by_hand = _by_hand(libraries[0], record, values)
     by_power = _by_hand(libraries[1], record, bent)
-    ways: dict[str, tuple[Callable[[], object], int, int | None, str]] = {
+    swinging = Values.nominal(TWO_MODES).with_(_MODES)
+    struck = _struck(samples)
+    stepped, exact = (
+        Simulator(TWO_MODES, struck, swinging, exact=linear) for linear in (False, True)
+    )
+    ways: dict[str, tuple[Callable[[], object], int, float | None, str]] = {
         "by hand": (by_hand, samples, SUBSTEPS, ""),
         "compiled": (lambda: ours.reading(values), samples, SUBSTEPS, ""),
         f"with {len(directions)} sensitivities": (
@@ -186,6 +197,12 @@ def measure(samples: int = 100_000, repetitions: int = 7, *, references: bool = 
         f"compiled{_FREE}": (lambda: free.reading(bent), samples, SUBSTEPS, ""),
         f"with {len(free.directions)} sensitivities": (
             lambda: free.with_sensitivities(bent), samples, SUBSTEPS, "",
+        ),
+        "two modes, steps": (
+            lambda: stepped.reading(swinging), samples, stepped.accuracy.per_sample, _cut(stepped),
+        ),
+        "the linear part exact": (
+            lambda: exact.reading(swinging), samples, exact.accuracy.per_sample, _cut(exact),
         ),
     }  # fmt: skip
     if references:
@@ -233,6 +250,10 @@ def measure(samples: int = 100_000, repetitions: int = 7, *, references: bool = 
     )  # fmt: skip
 
 
+def _cut(simulator: Simulator) -> str:
+    return f"{simulator.accuracy.per_sample:.1f} sub-steps a sample, as chosen"
+
+
 def _difference(found: FloatArray, expected: FloatArray) -> float:
     """Largest difference of two readings, as a share of the range."""
     return float(np.abs(found - expected).max() / np.ptp(expected))
@@ -255,6 +276,13 @@ def _record(samples: int) -> Measurement:
     time = np.arange(samples) / RATE
     drive = 50.0 + 40.0 * np.sin(2 * np.pi * 5.0 * time) * np.cos(2 * np.pi * 0.3 * time)
     return Measurement(time=time, drive=drive, position=1e-7 * drive, name="speed")
+
+
+def _struck(samples: int) -> Measurement:
+    """Steps of a held drive, after which a resonance swings."""
+    time = np.arange(samples) / RATE
+    drive = 50.0 + 20.0 * np.sign(np.sin(2 * np.pi * 50.0 * time + 0.1))
+    return Measurement(time, drive, 1e-7 * drive, between=Between.HELD)
 
 
 def _by_hand(library: ctypes.CDLL, record: Measurement, values: Values) -> Callable[[], FloatArray]:

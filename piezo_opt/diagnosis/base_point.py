@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
@@ -156,7 +156,7 @@ class BasePoint:
                                 else Initial.REST
                             ),
                             runtime=self.question.free,
-                            substeps=Substeps(min(base.longest, key), base.largest_move),
+                            substeps=replace(base, longest=min(base.longest, key)),
                         )
                     )
                 _, slope = simulators[key][index].with_sensitivities(numbers)

@@ -44,11 +44,15 @@ effect in another form."""
 @final
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """A fit without one of its steps, the scores there, and the refits with whoever may enter."""
+    """A fit without one of its steps, the scores there, and the refits with whoever may enter.
+
+    ``shaped`` says whether the closest of them were fitted in more detail of their own.
+    """
 
     poorer: Fit
     suspects: tuple[Suspect, ...]
     ranked: list[Rung]
+    shaped: bool = False
 
 
 def exchange(
@@ -93,6 +97,10 @@ def exchange(
         if seen is None:
             continue
         rival = _rival(fit, step, seen, held, threads)
+        if rival is None and not (seen.shaped or explained(fit)):
+            # Who leaves but noise here was refused by the other record: a detail may be missing.
+            seen = _in_shape(seen, threads)
+            rival = _rival(fit, step, seen, held, threads)
         if rival is not None and rival.suspect is not None:
             gone.append((step.name, rival.suspect.name))
             fit = rival.fit
@@ -161,9 +169,13 @@ def _seen(
     trials += [replace(trial, start={**trial.start, **standing}) for trial in trials]
     rungs = race(poorer, trials, threads, standing=fit)
     ranked = judged(poorer, [r for r in rungs if plausible(r)])
-    return _Seen(
-        poorer, suspects, judged(poorer, [*ranked, *_shaped(fit, step, poorer, ranked, threads)])
-    )
+    seen = _Seen(poorer, suspects, ranked)
+    # Where one of them leaves but noise there is nothing to be won by details, unless the step
+    # that stands has some itself.
+    detailed = any(k.startswith(f"{step.name}.") for k in fit.question.free)
+    if not ranked or (explained(ranked[0].fit) and not detailed):
+        return seen
+    return _in_shape(seen, threads)
 
 
 def _without(foot: Fit, fit: Fit, step: Step, threads: int) -> Fit | None:
@@ -183,18 +195,11 @@ def _without(foot: Fit, fit: Fit, step: Step, threads: int) -> Fit | None:
     return min(found, key=lambda f: f.rms, default=None)
 
 
-def _shaped(fit: Fit, step: Step, poorer: Fit, ranked: Sequence[Rung], threads: int) -> list[Rung]:
-    """The closest rivals in more detail of their own.
-
-    Where one of them leaves but noise there is nothing to be won by that, unless the step that
-    stands has details itself.
-    """
-    standing = any(k.startswith(f"{step.name}.") for k in fit.question.free)
-    if not ranked or (explained(ranked[0].fit) and not standing):
-        return []
+def _in_shape(seen: _Seen, threads: int) -> _Seen:
+    """The same with the closest rivals in more detail of their own, too."""
     names: dict[str, Rung] = {}
-    for rung in ranked:
-        if rung.suspect is not None and rung.fit.rms < _NEAR * ranked[0].fit.rms:
+    for rung in seen.ranked:
+        if rung.suspect is not None and rung.fit.rms < _NEAR * seen.ranked[0].fit.rms:
             names.setdefault(rung.suspect.name, rung)
     shaped = []
     for name, rung in list(names.items())[:_MOST]:
@@ -202,8 +207,9 @@ def _shaped(fit: Fit, step: Step, poorer: Fit, ranked: Sequence[Rung], threads: 
             replace(trial, suspect=rung.suspect) for trial in shape_refinements(rung.fit)
             if all(k.split(".")[0] == name for k in trial.refines)
         ]  # fmt: skip
-        shaped += race(poorer, own, threads)
-    return [rung for rung in shaped if plausible(rung)]
+        shaped += race(seen.poorer, own, threads)
+    more = [rung for rung in shaped if plausible(rung)]
+    return replace(seen, ranked=judged(seen.poorer, [*seen.ranked, *more]), shaped=True)
 
 
 def _rival(fit: Fit, step: Step, seen: _Seen, held: HeldOut, threads: int) -> Rung | None:

@@ -140,14 +140,13 @@ def score(
     for i, b in enumerate(best):
         whole = float(np.linalg.norm(b.direction.whole))
         visibility = float(np.linalg.norm(b.direction.projected)) / whole if whole > 0 else 0.0
-        overlaps = sorted(
-            (
-                (best[j].effect.name, float(abs(units[i] @ units[j])))
-                for j in range(len(best))
-                if j != i and best[j].effect.name != b.effect.name
-            ),
-            key=lambda pair: -pair[1],
-        )
+        closest: dict[str, float] = {}
+        for other, unit in zip(best, units, strict=True):
+            # Of several forms of an effect the one that is more alike.
+            cosine = float(abs(units[i] @ unit))
+            closest[other.effect.name] = max(cosine, closest.get(other.effect.name, 0.0))
+        del closest[b.effect.name]
+        overlaps = sorted(closest.items(), key=lambda pair: -pair[1])
         gain = 0.0 if b.wrong_side else b.gain
         p = b.chance * b.looks * searched
         own = float(b.point.residual @ b.point.residual)

@@ -65,6 +65,7 @@ class Objective:
         tolerance: first admissible error of the scheme as a share of the reading's range.
         accuracy: sub-steps of each record, where they have been chosen before.
         most: sub-steps a sample at which the first choice ends.
+        exact: whether chosen sub-steps may move linear blocks by their exponential.
     """
 
     def __init__(
@@ -76,6 +77,7 @@ class Objective:
         tolerance: float = TOLERANCE,
         accuracy: tuple[Accuracy, ...] = (),
         most: int = MOST_A_SAMPLE,
+        exact: bool = False,
     ) -> None:
         self.question = question
         self.unknowns = unknowns
@@ -97,6 +99,7 @@ class Objective:
                 tolerance=tolerance,
                 substeps=accuracy[i].substeps if accuracy else None,
                 most=most * len(record),
+                exact=exact,
             )
             for i, record in enumerate(records)
         ]  # fmt: skip

@@ -19,7 +19,7 @@ from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.outcome import Evaluations, Outcome, Trace
 from piezo_opt.identification.problem import Identification, plain
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
-from piezo_opt.identification.unknowns import theta_of, unknowns
+from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation import INITIAL, Accuracy
 from piezo_opt.units import show
@@ -159,7 +159,7 @@ class Fit:
                 start = self.values.of_record(index)
                 unknown = unknowns(question, start)
                 theta = theta_of(unknown, start)
-                objective = Objective(question, unknown, theta, Monitor(unknown.names))
+                objective = self._objective(question, unknown, theta)
                 if refine:
                     objective.refine(theta)
                 return objective.readings(theta)[0]
@@ -175,12 +175,19 @@ class Fit:
         )  # fmt: skip
         unknown = unknowns(question, Values({**Values.nominal(self.model), **question.given()}))
         theta = theta_of(unknown, question.given())
-        objective = Objective(question, unknown, theta, Monitor(unknown.names))
+        objective = self._objective(question, unknown, theta)
         if theta.size:
             theta = LevenbergMarquardt(tolerance=1e-7).minimise(objective, theta).theta
         if refine:
             objective.refine(theta)
         return objective.readings(theta)[0]
+
+    def _objective(
+        self, question: Identification, unknown: Unknowns, theta: FloatArray
+    ) -> Objective:
+        """What a prediction is simulated with: the scheme of this fit, on sub-steps of its own."""
+        exact = any(accuracy.substeps.exact for accuracy in self.accuracy)
+        return Objective(question, unknown, theta, Monitor(unknown.names), exact=exact)
 
     def unit(self, name: str) -> str:
         """SI unit of an unknown."""

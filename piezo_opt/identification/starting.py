@@ -317,8 +317,9 @@ class _Search:
             self._unknowns = unknowns(self.question, Values(start))
             at = theta_of(self._unknowns, start)
             self._objective = Objective(
-                self.question, self._unknowns, at, self._monitor, _ROUGH, most=ENOUGH_A_SAMPLE
-            )
+                self.question, self._unknowns, at, self._monitor, _ROUGH, most=ENOUGH_A_SAMPLE,
+                exact=True,
+            )  # fmt: skip
         return self._objective, self._unknowns
 
     def projected(self, start: dict[str, float], extra: Sequence[str] = ()) -> dict[str, float]:

@@ -130,7 +130,11 @@ def _fit(
         wall_s=told["wall_s"],
         blind=tuple(told["blind"]),
         remarks=tuple(told["remarks"]),
-        accuracy=tuple(Accuracy(Substeps(a, b, k), e, n) for a, b, k, e, n in told["accuracy"]),
+        accuracy=tuple(
+            # Files of before have no scheme: theirs is the default.
+            Accuracy(Substeps(a, b, k, *scheme), e, n)
+            for a, b, k, e, n, *scheme in told["accuracy"]
+        ),
         compiled=told["compiled"],
         solver=told["solver"],
         transcription=told["transcription"],
@@ -173,6 +177,7 @@ def _result(fit: Fit) -> Mapping[str, Any]:
                 a.substeps.times,
                 a.error,
                 a.per_sample,
+                a.substeps.exact,
             ]
             for a in fit.accuracy
         ],

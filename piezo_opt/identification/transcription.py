@@ -86,7 +86,7 @@ class SingleShooting:
             )
         taken = cast(ResidualSolver, chosen)
         most = MOST_A_SAMPLE if self.refine else ENOUGH_A_SAMPLE
-        objective = Objective(question, unknowns, start, monitor, most=most)
+        objective = Objective(question, unknowns, start, monitor, most=most, exact=not self.refine)
         solution = taken.minimise(objective, start)
         if self.refine and objective.refine(solution.theta):
             # Sub-steps that were enough at the start are not at the solution: once more.

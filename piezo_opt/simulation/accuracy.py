@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.assembly import System
 from piezo_opt.errors import ModelError
+from piezo_opt.simulation.exponential import linear_part, longest
 from piezo_opt.simulation.schedule import Segment
 from piezo_opt.symbolic import one_at_a_time
 
@@ -35,6 +36,8 @@ DIVERGED: Final = 1e100
 """What no reading and no sensitivity reaches: squares of more overflow."""
 _FAST: Final = 16.0
 """Rate times a segment's length from which it is looked at where the drive is at rest, too."""
+_LITTLE: Final = 0.1
+"""Change over the admissible error up to which halving is not worth while."""
 _PATIENCE: Final = 3
 """Halvings without a gain before the best is taken: at first one may not reach the steep parts."""
 
@@ -44,12 +47,15 @@ _PATIENCE: Final = 3
 class Substeps:
     """Longest sub-step [s] and largest change of the drive [V] within one sub-step.
 
-    With ``times`` every sub-step is cut into that many, also one that is short already.
+    With ``times`` every sub-step is cut into that many, also one that is short already. They hold
+    for the scheme that they were chosen for: ``exact`` is the one that moves linear blocks by their
+    exponential (:mod:`piezo_opt.simulation.exponential`), else all states go by Runge-Kutta.
     """
 
     longest: float
     largest_move: float
     times: int = 1
+    exact: bool = False
 
     def of(self, segment: Segment) -> IntArray:
         """Number of sub-steps of each segment, at least one."""
@@ -58,9 +64,9 @@ class Substeps:
         wanted = self.times * np.maximum(1.0, np.ceil(np.maximum(by_time, by_move) - 1e-6))
         return np.asarray(np.minimum(wanted, np.iinfo(np.int32).max), dtype=np.int32)
 
-    def halved(self) -> Substeps:
-        """Sub-steps of half the size."""
-        return replace(self, longest=0.5 * self.longest, largest_move=0.5 * self.largest_move)
+    def scaled(self, time: float, move: float) -> Substeps:
+        """Sub-steps of another length in time, and along the drive."""
+        return replace(self, longest=time * self.longest, largest_move=move * self.largest_move)
 
     def count(self, segment: Segment) -> int:
         """Number of sub-steps of all segments together."""
@@ -84,9 +90,15 @@ class Accuracy:
 
 
 def fastest_rates(
-    system: System, segment: Segment, parameters: FloatArray, x: FloatArray
+    system: System,
+    segment: Segment,
+    parameters: FloatArray,
+    x: FloatArray,
+    exact: bool = False,
 ) -> tuple[float, float]:
     """How fast the linearised chain moves by itself [1/s], and how fast with the drive [1/V].
+
+    With ``exact`` the chain without what moves by its exponential.
 
     Largest magnitudes of eigenvalues, first under a drive that stands still, then what the drive's
     slope adds. A held drive is still nearly always and very steep for a moment: one rate for both
@@ -98,7 +110,7 @@ def fastest_rates(
     """
     if not system.state_names:
         return 0.0, 0.0
-    rates = _rates(system, segment, parameters, lambda _: x)
+    rates = _rates(system, segment, parameters, lambda _: x, exact)
     moves = segment.moves
     if max(rates[0] * float(segment.length.max()), rates[1] * float(moves.max())) <= _FAST:
         return rates
@@ -109,12 +121,16 @@ def fastest_rates(
         return np.array(system.start(*given), dtype=float).ravel()
 
     departure = x - at_rest(0)
-    resting = _rates(system, segment, parameters, lambda i: at_rest(i) + departure)
+    resting = _rates(system, segment, parameters, lambda i: at_rest(i) + departure, exact)
     return min(rates[0], resting[0]), min(rates[1], resting[1])
 
 
 def _rates(
-    system: System, segment: Segment, parameters: FloatArray, states: Callable[[int], FloatArray]
+    system: System,
+    segment: Segment,
+    parameters: FloatArray,
+    states: Callable[[int], FloatArray],
+    exact: bool,
 ) -> tuple[float, float]:
     """Both rates where the states at the beginning of segment i are ``states(i)``."""
     n, channels = len(system.state_names), len(system.channel_names)
@@ -122,7 +138,7 @@ def _rates(
     beside, beside_slopes, a = np.zeros(channels), np.zeros(channels), np.zeros((n, n))
     given = (time, x, drive, moving, beside, beside_slopes, np.array(parameters, dtype=float))
     # Wrapping the arguments of a call takes CasADi far longer than these few numbers.
-    bound: Any = _jacobian(system).buffer()
+    bound: Any = _jacobian(system, exact).buffer()
     buffer, evaluate = bound
     for index, array in enumerate(given):
         buffer.set_arg(index, array.data)
@@ -148,9 +164,9 @@ def _rates(
 
 @lru_cache(maxsize=2048)
 @one_at_a_time
-def _jacobian(system: System) -> ca.Function:
-    """``(t, x, u, du, c, dc, p) -> dx'/dx``, all entries, built once."""
-    rate = system.rate
+def _jacobian(system: System, exact: bool) -> ca.Function:
+    """``(t, x, u, du, c, dc, p) -> dx'/dx``, without the linear blocks if those are exact."""
+    rate = linear_part(system, exact).rest
     given, moved = rate.name_in(), rate.name_out(0)
     sparse = rate.factory("linear", given, [f"jac:{moved}:{given[1]}"])
     symbols = sparse.mx_in()
@@ -165,6 +181,7 @@ def choose(
     simulate: Callable[[Substeps], FloatArray],
     tolerance: float,
     most: int = _MOST,
+    exact: bool = False,
 ) -> Accuracy:
     """Halve the sub-steps until the scheme's error is below the tolerance, or falls no more.
 
@@ -172,20 +189,24 @@ def choose(
         simulate: the reading (N,) [m] for given sub-steps.
         tolerance: admissible error as a share of the reading's range.
         most: sub-steps in the whole record beyond which the best so far is taken.
+        exact: whether linear blocks are moved by their exponential.
 
     Raises:
         ModelError: no number of sub-steps up to ``most`` makes the simulation finite.
     """
-    rate, by_drive = fastest_rates(system, segment, parameters, start)
+    rate, by_drive = fastest_rates(system, segment, parameters, start, exact)
+    within = longest(linear_part(system, exact), parameters)
     moves = np.abs(segment.slope) * segment.length
     swing = float(np.ptp(segment.drive)) or 1.0
     substeps = Substeps(
-        min(float(segment.length.max()), 2.0 / rate if rate > 0 else np.inf),
+        min(float(segment.length.max()), within, 2.0 / rate if rate > 0 else np.inf),
         min(float(moves.max()) or swing, swing / 4.0, 2.0 / by_drive if by_drive > 0 else np.inf),
+        exact=exact,
     )
     first, before, stalled = substeps, np.inf, 0
     best: Accuracy | None = None
     fine: FloatArray = np.zeros(1)
+    known: FloatArray | None = None
     while True:
         count = substeps.count(segment)
         if count > most and best is not None:
@@ -201,20 +222,36 @@ def choose(
                 f"(fastest rate {rate:.3g} 1/s); raise the lower bound of its shortest time "
                 "constant or drop the mechanics, which the record cannot see."
             )
-        coarse, fine = simulate(substeps), simulate(replace(substeps, times=2))
+        coarse = simulate(substeps) if known is None else known
+        fine = simulate(replace(substeps, times=2))
+        shorter, known = substeps.scaled(0.5, 0.5), None
         if _bounded(fine) and _bounded(coarse):
-            change = float(np.sqrt(np.mean((fine - coarse) ** 2)))
+            change = _rms(fine - coarse)
             # How much a halving helps is measured, not assumed: corners lower the order.
-            known = np.isfinite(before) and change > 0.0
-            gain = float(np.clip(before / change, 2.0, 16.0)) if known else 2.0
+            seen = np.isfinite(before) and change > 0.0
+            gain = float(np.clip(before / change, 2.0, 16.0)) if seen else 2.0
             error = change * gain / (gain - 1.0)
             if best is None or error < best.error:
                 best = Accuracy(substeps, error, count / coarse.size)
+            allowed = tolerance * (float(np.ptp(fine)) or 1.0)
             stalled = stalled + 1 if change > 0.7 * before else 0
-            if error <= tolerance * (float(np.ptp(fine)) or 1.0) or stalled == _PATIENCE:
+            if error <= allowed or stalled == _PATIENCE:
                 return best
             before = change
-        substeps = substeps.halved()
+            if exact:
+                # What is not linear has corners that the drive crosses as it moves; between its
+                # moves there may be nothing left that asks for short sub-steps, or the reverse.
+                in_time = substeps.scaled(0.5, 1.0)
+                between = simulate(in_time)
+                if _bounded(between) and _rms(between - coarse) <= _LITTLE * allowed:
+                    shorter = substeps.scaled(1.0, 0.5)
+                elif _bounded(between) and _rms(fine - between) <= _LITTLE * allowed:
+                    shorter, known = in_time, between
+        substeps = shorter
+
+
+def _rms(a: FloatArray) -> float:
+    return float(np.sqrt(np.mean(a**2)))
 
 
 def _bounded(reading: FloatArray) -> bool:

@@ -27,7 +27,9 @@ from piezo_opt.symbolic import one_at_a_time
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 
-WRITERS: Final = ("scheme", "instructions", "quick", "emit", "tangents", "powers", "program")
+WRITERS: Final = (
+    "scheme", "exponential", "instructions", "quick", "emit", "tangents", "powers", "program",
+)  # fmt: skip
 """Files of this folder that the text of a program follows from."""
 
 
@@ -77,32 +79,43 @@ class Engine(Protocol):
 
 
 @lru_cache(maxsize=2048)
-def engine(system: System, directions: tuple[str, ...], prefer_compiled: bool = True) -> Engine:
-    """The fastest engine there is on this machine for a system and its directions."""
+def engine(
+    system: System, directions: tuple[str, ...], prefer_compiled: bool = True, exact: bool = False
+) -> Engine:
+    """The fastest engine there is on this machine for a system and its directions.
+
+    Args:
+        system: assembled model.
+        directions: of the sensitivities.
+        prefer_compiled: False takes CasADi's virtual machine even where a compiler exists.
+        exact: whether linear blocks are moved by their exponential.
+    """
     if prefer_compiled:
         try:
-            library = load(_recipe(system, directions), lambda _: _program(system, directions))
+            library = load(
+                _recipe(system, directions, exact), lambda _: _program(system, directions, exact)
+            )
         except NotImplementedError:
             # A user's effect may use an operation that CasADi knows and C does not.
             library = None
         if library is not None:
             return CompiledEngine(system, directions, library)
-    return _interpreter(system, directions)
+    return _interpreter(system, directions, exact)
 
 
 @one_at_a_time
-def _program(system: System, directions: tuple[str, ...]) -> str:
-    return source(outline(system, directions))
+def _program(system: System, directions: tuple[str, ...], exact: bool) -> str:
+    return source(outline(system, directions, exact))
 
 
 @one_at_a_time
-def _interpreter(system: System, directions: tuple[str, ...]) -> VirtualMachine:
-    return VirtualMachine(scheme(system, directions))
+def _interpreter(system: System, directions: tuple[str, ...], exact: bool) -> VirtualMachine:
+    return VirtualMachine(scheme(system, directions, exact))
 
 
-def _recipe(system: System, directions: tuple[str, ...]) -> str:
+def _recipe(system: System, directions: tuple[str, ...], exact: bool) -> str:
     """All that the C program of a system depends on; much quicker to say than to write it."""
-    return "\n".join((system.recipe, *directions, _writers()))
+    return "\n".join((system.recipe, *directions, f"{exact=}", _writers()))
 
 
 @cache

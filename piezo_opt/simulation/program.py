@@ -1,18 +1,21 @@
 """The C program of a scheme: the time loop around its straight-line step.
 
 Two exported functions: ``po_start`` gives states and sensitivities at rest, ``po_run`` walks over
-the segments of a schedule. Everything that depends on parameters alone is computed once,
-everything that depends on the segment once a segment.
+the segments of a schedule. Everything that depends on parameters alone is computed once, what
+depends on the length of a sub-step as well whenever that changes, and what depends on the segment
+once a segment.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from piezo_opt.simulation.emit import Block, emit
+from piezo_opt.simulation.exponential import LENGTHS, linear_part
 from piezo_opt.simulation.powers import POWERS
 from piezo_opt.simulation.scheme import START_INPUTS, Outline
 from piezo_opt.simulation.tangents import TYPES, Carried, Lanes, Tangents
@@ -21,8 +24,8 @@ RUN: Final = "po_run"
 START: Final = "po_start"
 
 _LEVELS: Final = {
-    "p": 0, "h": 1, "du": 1, "dc": 1, "hT": 1, "t": 2, "x": 2, "S": 2, "u": 2, "c": 2, "uT": 2,
-    "tT": 2, "cT": 2,
+    "p": 0, "h": 1, "hT": 1, "du": 2, "dc": 2, "t": 3, "x": 3, "S": 3, "u": 3, "c": 3, "uT": 3,
+    "tT": 3, "cT": 3,
 }  # fmt: skip
 
 _START_HEAD: Final = """
@@ -56,8 +59,8 @@ def source(plan: Outline) -> str:
     levels = [_LEVELS[n] for n in names]
     lanes = Lanes.of([tuple(column) for column in plan.pattern.T.tolist()])
     seeds, moved = _seeds(plan, lanes, names)
-    step = emit(plan.step, names, levels, "a", 3, Tangents(lanes, seeds, "va"))
-    reading = emit(plan.reading, names, levels, "b", 3, Tangents(lanes, seeds, "vb"))
+    step = emit(plan.step, names, levels, "a", 4, Tangents(lanes, seeds, "va"))
+    reading = emit(plan.reading, names, levels, "b", 4, Tangents(lanes, seeds, "vb"))
     np_, nx = plan.step.numel_in(0), plan.step.numel_in(6)
     nc, nd = plan.step.numel_in(9), len(plan.directions)
     delayed = bool(plan.clocks)
@@ -97,55 +100,91 @@ def source(plan: Outline) -> str:
         line(1, f"{lanes.kind(group)} S_{i}_{group} = {held};")
     block(1, step, 0)
     block(1, reading, 0)
-    line(1, "for (long j = 0; j < n; ++j) {")
-    line(2, "const int m = NSUB[j];")
-    line(2, "const double h_0 = m > 0 ? H[j] / m : 0.0, du_0 = DU[j];")
-    line(2, "double t_0 = T[j], u_0 = U[j];")
-    for i in range(nc):
-        line(2, f"const double dc_{i} = DC[j * {nc} + {i}];")
-        line(2, f"double c_{i} = C[j * {nc} + {i}];")
+    lengths = {"h_0": "NSUB[j] > 0 ? H[j] / NSUB[j] : 0.0"}
     if delayed:
-        line(2, "const double hT_0 = m > 0 ? HT[j] / m : 0.0;")
-        line(2, "double uT_0 = UT[j], tT_0 = TT[j];")
+        lengths["hT_0"] = "NSUB[j] > 0 ? HT[j] / NSUB[j] : 0.0"
+    # Exponentials take as long as several sub-steps. They are kept for the last few lengths: a held
+    # drive has two by turns, one that is cut by how far it moves has some more.
+    matters = linear_part(plan.system, plan.exact).blocks
+    again = _kept([*step.levels[1], *reading.levels[1]], _deeper(step) | _deeper(reading))
+    if matters:
+        line(1, "struct {")
+        for name, kind in {**dict.fromkeys(lengths, "double"), **again}.items():
+            line(2, f"{kind} {name};")
+        line(1, f"}} kept[{LENGTHS}];")
+        line(1, "int known = 0, next = 0;")
+    line(1, "for (long j = 0; j < n;) {")
+    for name, said in lengths.items():
+        line(2, f"const double {name} = {said};")
+    if matters:
+        same = " && ".join(f"kept[at].{name} == {name}" for name in lengths)
+        line(2, "int at = 0;")
+        line(2, f"while (at < known && !({same})) ++at;")
+        line(2, "if (at == known) {")
+        line(3, f"if (known < {LENGTHS}) ++known;")
+        line(3, "else at = next;")
+        line(3, f"next = (next + 1) % {LENGTHS};")
+        block(3, step, 1)
+        block(3, reading, 1)
+        for name in (*lengths, *again):
+            line(3, f"kept[at].{name} = {name};")
+        line(2, "}")
+        for name, kind in again.items():
+            line(2, f"const {kind} {name} = kept[at].{name};")
+    else:
+        block(2, step, 1)
+        block(2, reading, 1)
+    same = " && ".join(f"({said}) == {name}" for name, said in lengths.items())
+    line(2, "do {")
+    line(3, "const int m = NSUB[j];")
+    line(3, "const double du_0 = DU[j];")
+    line(3, "double t_0 = T[j], u_0 = U[j];")
+    for i in range(nc):
+        line(3, f"const double dc_{i} = DC[j * {nc} + {i}];")
+        line(3, f"double c_{i} = C[j * {nc} + {i}];")
+    if delayed:
+        line(3, "double uT_0 = UT[j], tT_0 = TT[j];")
         for i in range(nc):
-            line(2, f"double cT_{i} = CT[j * {nc} + {i}];")
-    block(2, step, 1)
-    block(2, reading, 1)
-    line(2, "for (int i = 0; i < m; ++i) {")
+            line(3, f"double cT_{i} = CT[j * {nc} + {i}];")
     block(3, step, 2)
+    block(3, reading, 2)
+    line(3, "for (int i = 0; i < m; ++i) {")
+    block(4, step, 3)
     for i, text in enumerate(step.outputs[0]):
-        line(3, f"const double xn_{i} = {text};")
+        line(4, f"const double xn_{i} = {text};")
     for i, group in moved:
         still = lanes.literal(group, ["0.0"])
-        line(3, f"const {lanes.kind(group)} Sn_{i}_{group} = "
+        line(4, f"const {lanes.kind(group)} Sn_{i}_{group} = "
                 f"{step.tangents[0][i][group] or still};")  # fmt: skip
     for i in range(nx):
-        line(3, f"x_{i} = xn_{i};")
+        line(4, f"x_{i} = xn_{i};")
     for i, group in moved:
-        line(3, f"S_{i}_{group} = Sn_{i}_{group};")
-    line(3, "t_0 += h_0; u_0 += du_0 * h_0;")
+        line(4, f"S_{i}_{group} = Sn_{i}_{group};")
+    line(4, "t_0 += h_0; u_0 += du_0 * h_0;")
     for i in range(nc):
-        line(3, f"c_{i} += dc_{i} * h_0;")
+        line(4, f"c_{i} += dc_{i} * h_0;")
     if delayed:
-        line(3, "tT_0 += hT_0; uT_0 += du_0 * hT_0;")
+        line(4, "tT_0 += hT_0; uT_0 += du_0 * hT_0;")
         for i in range(nc):
-            line(3, f"cT_{i} += dc_{i} * hT_0;")
-    line(2, "}")
-    line(2, "const long k = OBS[j];")
-    line(2, "if (k >= 0) {")
-    block(3, reading, 2)
-    line(3, f"Y[k] = {reading.outputs[0][0]};")
+            line(4, f"cT_{i} += dc_{i} * hT_0;")
+    line(3, "}")
+    line(3, "const long k = OBS[j];")
+    line(3, "if (k >= 0) {")
+    block(4, reading, 3)
+    line(4, f"Y[k] = {reading.outputs[0][0]};")
     for group, columns in enumerate(lanes.groups):
         slope = reading.tangents[0][0][group] or lanes.literal(group, ["0.0"])
-        line(3, f"const {lanes.kind(group)} J_{group} = {slope};")
+        line(4, f"const {lanes.kind(group)} J_{group} = {slope};")
         for lane, k in enumerate(columns):
-            line(3, f"J[k * {nd} + {k}] = {lanes.entry(group, f'J_{group}', lane)};")
+            line(4, f"J[k * {nd} + {k}] = {lanes.entry(group, f'J_{group}', lane)};")
     if nx:
-        line(3, "if (XO) {")
+        line(4, "if (XO) {")
         for i in range(nx):
-            line(4, f"XO[k * {nx} + {i}] = x_{i};")
-        line(3, "}")
-    line(2, "}")
+            line(5, f"XO[k * {nx} + {i}] = x_{i};")
+        line(4, "}")
+    line(3, "}")
+    line(3, "++j;")
+    line(2, f"}} while (j < n && {same});")
     line(1, "}")
     for i in range(nx):
         line(1, f"X[{i}] = x_{i};")
@@ -154,6 +193,24 @@ def source(plan: Outline) -> str:
             line(1, f"S[{i * nd + k}] = {lanes.entry(group, f'S_{i}_{group}', lane)};")
     out.append("}\n")
     return "".join(out)
+
+
+def _deeper(piece: Block) -> set[str]:
+    """Names that are used within the sub-steps and at readings, or once a segment."""
+    said = [*piece.levels[2], *piece.levels[3]]
+    said += [text for output in piece.outputs for text in output]
+    said += [text for output in piece.tangents for one in output for text in one if text]
+    return {name for text in said for name in re.findall(r"\w+", text)}
+
+
+def _kept(lines: Sequence[str], used: set[str]) -> dict[str, str]:
+    """Name and type of every declaration whose name is used further in."""
+    found: dict[str, str] = {}
+    for text in lines:
+        _, kind, name, *_ = text.split()
+        if name in used:
+            found[name] = kind
+    return found
 
 
 def _seeds(
@@ -177,11 +234,11 @@ def _seeds(
         wanted = [k for k, direction in enumerate(plan.directions) if direction == name]
         seeds[place["p"], i] = ones(wanted)
     if plan.clocks:
-        moving = [("h", "hT_0", 1), ("u", "uT_0", 2), ("t", "tT_0", 2)]
+        moving = [("h", "hT_0", 1), ("u", "uT_0", 3), ("t", "tT_0", 3)]
         for name, by, level in moving:
             seeds[place[name], 0] = ones(plan.clocks, by, level)
         for i in range(len(plan.system.channel_names)):
-            seeds[place["c"], i] = ones(plan.clocks, f"cT_{i}", 2)
+            seeds[place["c"], i] = ones(plan.clocks, f"cT_{i}", 3)
     moved = [
         (i, group)
         for i in range(len(plan.system.state_names))
@@ -190,7 +247,7 @@ def _seeds(
     ]
     for i in range(len(plan.system.state_names)):
         seeds[place["x"], i] = tuple(
-            Carried(f"S_{i}_{group}", 2) if (i, group) in moved else None
+            Carried(f"S_{i}_{group}", 3) if (i, group) in moved else None
             for group in range(len(lanes.groups))
         )
     return seeds, moved

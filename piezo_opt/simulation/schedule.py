@@ -8,7 +8,7 @@ which makes the derivative by T exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import final
 from weakref import WeakKeyDictionary
@@ -72,6 +72,16 @@ class Segment:
     def moves(self) -> FloatArray:
         """How far the drive moves in each segment [V]."""
         return np.asarray(np.abs(self.slope) * self.length)
+
+    @cached_property
+    def even(self) -> Segment:
+        """Lengths without the rounding of time stamps, so that equal ones are the same number.
+
+        A difference of two stamps is known to the last digit of the larger one; adding a number
+        some times as large leaves none beyond.
+        """
+        large = 8.0 * float(np.abs(self.time + self.length).max(initial=0.0))
+        return replace(self, length=(self.length + large) - large)
 
     @cached_property
     def addresses(self) -> Addresses:

@@ -12,7 +12,7 @@ Source: Hairer, Norsett & Wanner (1993), Solving Ordinary Differential Equations
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.assembly import System
 from piezo_opt.errors import ModelError
+from piezo_opt.simulation.exponential import LinearPart, Weights, linear_part, weights
 from piezo_opt.symbolic import one_at_a_time
 
 INITIAL = "initial."
@@ -71,6 +72,7 @@ class Outline:
         directions: names of the sensitivity columns.
         pattern: (n, k) which sensitivities of the states can ever be non-zero.
         clocks: directions that move the clock of the whole chain.
+        exact: whether linear blocks are moved by their exponential.
     """
 
     system: System
@@ -80,31 +82,33 @@ class Outline:
     directions: tuple[str, ...]
     pattern: NDArray[np.bool_]
     clocks: tuple[int, ...]
+    exact: bool
 
 
 @one_at_a_time
-def outline(system: System, directions: Sequence[str] = ()) -> Outline:
+def outline(system: System, directions: Sequence[str] = (), exact: bool = False) -> Outline:
     """Runge-Kutta sub-step of a system, and what the named directions move.
 
     Raises:
         ModelError: as :func:`scheme`.
     """
     directions = tuple(directions)
-    plain = scheme(system)
+    plain = scheme(system, (), exact)
     _known(system, directions)
     pattern = _pattern(system, directions)
     start = _start(system, directions, *np.nonzero(pattern)) if directions else plain.start
     clocks = tuple(_delay_directions(system, directions))
-    return Outline(system, start, plain.step, plain.reading, directions, pattern, clocks)
+    return Outline(system, start, plain.step, plain.reading, directions, pattern, clocks, exact)
 
 
 @one_at_a_time
-def scheme(system: System, directions: Sequence[str] = ()) -> Scheme:
+def scheme(system: System, directions: Sequence[str] = (), exact: bool = False) -> Scheme:
     """Runge-Kutta sub-step of a system with sensitivities in the named directions.
 
     Args:
         system: assembled model.
         directions: parameter names, or ``"initial." + state`` for the state's initial value.
+        exact: whether linear blocks are moved by their exponential.
 
     Raises:
         ModelError: a direction is no run-time parameter and no state of the model.
@@ -123,15 +127,7 @@ def scheme(system: System, directions: Sequence[str] = ()) -> Scheme:
     inputs = [p, h, du, dc, ht, t, x, s, u, c, ut, tt, ct]
     start = _start(system, directions, rows, columns)
 
-    def rate(at: ca.SX, state: ca.SX) -> ca.SX:
-        return system.rate(t + at, state, u + du * at, du, c + dc * at, dc, p)
-
-    half = h * 0.5
-    k1 = rate(ca.SX(0.0), x)
-    k2 = rate(half, x + half * k1)
-    k3 = rate(half, x + half * k2)
-    k4 = rate(h, x + h * k3)
-    after = x + (h * (1.0 / 6.0)) * (k1 + 2.0 * (k2 + k3) + k4)
+    after = _after(linear_part(system, exact), p, h, t, x, (u, du), (c, dc))
     if system.becomes is not None:
         after = system.becomes(t + h, after, u + du * h, c + dc * h, p)
     after = ca.densify(after)
@@ -168,6 +164,48 @@ def scheme(system: System, directions: Sequence[str] = ()) -> Scheme:
         ca.Function("po_read", inputs, [y, slope], list(INPUTS), ["y", "J"]),
         directions, rows, columns,
     )  # fmt: skip
+
+
+def _after(
+    part: LinearPart,
+    p: ca.SX,
+    h: ca.SX,
+    t: ca.SX,
+    x: ca.SX,
+    drive: tuple[ca.SX, ca.SX],
+    channels: tuple[ca.SX, ca.SX],
+) -> ca.SX:
+    """The states after a sub-step."""
+    (u, du), (c, dc) = drive, channels
+    matrix = part.matrix(p)
+    of = [weights(matrix[list(block), list(block)], h) for block in part.blocks]
+    plain = [i for i in range(x.numel()) if not any(i in block for block in part.blocks)]
+
+    def rest(at: ca.SX, state: ca.SX) -> ca.SX:
+        return part.rest(t + at, state, u + du * at, du, c + dc * at, dc, p)
+
+    def moved(block_moves: Callable[[list[int], Weights], ca.SX], others: ca.SX) -> ca.SX:
+        state = ca.SX(x)
+        for i in plain:
+            state[i] = others[i]
+        for block, by in zip(part.blocks, of, strict=True):
+            state[list(block)] = block_moves(list(block), by)
+        return state
+
+    half = h * 0.5
+    n1 = rest(ca.SX(0.0), x)
+    a = moved(lambda k, by: by.half @ x[k] + by.half_input @ n1[k], x + half * n1)
+    n2 = rest(half, a)
+    b = moved(lambda k, by: by.half @ x[k] + by.half_input @ n2[k], x + half * n2)
+    n3 = rest(half, b)
+    e = moved(lambda k, by: by.half @ a[k] + by.half_input @ (2.0 * n3[k] - n1[k]), x + h * n3)
+    n4 = rest(h, e)
+    return moved(
+        lambda k, by: (
+            by.whole @ x[k] + by.first @ n1[k] + by.middle @ (n2[k] + n3[k]) + by.last @ n4[k]
+        ),
+        x + (h * (1.0 / 6.0)) * (n1 + 2.0 * (n2 + n3) + n4),
+    )
 
 
 def _known(system: System, directions: Sequence[str]) -> None:

@@ -18,6 +18,7 @@ from piezo_opt.errors import InputError, ModelError
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation.accuracy import Accuracy, Substeps, choose
 from piezo_opt.simulation.engine import Engine, Run, engine
+from piezo_opt.simulation.exponential import few
 from piezo_opt.simulation.schedule import Drive, Segment, corners, led_in, segments
 from piezo_opt.simulation.scheme import INITIAL
 from piezo_opt.values import Values
@@ -81,6 +82,9 @@ class Simulator:
         tolerance: admissible error of the scheme as a share of the reading's range.
         prefer_compiled: False takes CasADi's virtual machine even where a compiler exists.
         substeps: given sub-steps instead of chosen ones.
+        most: sub-steps in the whole record at which their choice ends.
+        exact: whether chosen sub-steps may move linear blocks by their exponential; they do where
+            the record is evenly sampled. Given sub-steps say it themselves.
     """
 
     def __init__(
@@ -96,6 +100,7 @@ class Simulator:
         prefer_compiled: bool = True,
         substeps: Substeps | None = None,
         most: int | None = None,
+        exact: bool = False,
     ) -> None:
         moved = [k for k, v in folded(model).items() if values.get(k, v) != v]
         self.system: System = assemble(model, folded(model, [*runtime, *moved, *directions]))
@@ -119,6 +124,10 @@ class Simulator:
         self._drive: Drive = corners(record, self.system.channel_names)
         self._at = record.time - record.time[0]
         self._prefer_compiled = prefer_compiled
+        # What moves by an exponential asks for a new one whenever a sub-step has another length.
+        self.exact = (
+            exact and few(self._drive.sampled.even.length) if substeps is None else substeps.exact
+        )
         # Kept from call to call, each replaced as a whole: threads may race, never mix.
         self._segment_at: tuple[float, Segment] | None = None
         self._cut_of: tuple[Segment, Substeps, IntArray] | None = None
@@ -137,24 +146,24 @@ class Simulator:
     @cached_property
     def _plain(self) -> Engine:
         """The engine without directions; hundreds of searches ask for sensitivities only."""
-        return engine(self.system, (), self._prefer_compiled)
+        return engine(self.system, (), self._prefer_compiled, self.exact)
 
     @cached_property
     def _sensitive(self) -> Engine:
         """The engine with all directions; a periodic start needs those of the start as well."""
         beside = self._initials if self.initial is Initial.PERIODIC else ()
-        return engine(self.system, (*self.directions, *beside), self._prefer_compiled)
+        return engine(self.system, (*self.directions, *beside), self._prefer_compiled, self.exact)
 
     @cached_property
     def _monodromy(self) -> Engine:
-        return engine(self.system, self._initials, self._prefer_compiled)
+        return engine(self.system, self._initials, self._prefer_compiled, self.exact)
 
     @cached_property
     def _once(self) -> Segment:
         """One period, read at its samples, which shows how far each state moves."""
         closed = self._drive.closed
         assert closed is not None
-        return segments(closed, closed.channel_time)
+        return self._timed(segments(closed, closed.channel_time))
 
     def choose(
         self, values: Mapping[str, float], tolerance: float = TOLERANCE, most: int | None = None
@@ -170,7 +179,9 @@ class Simulator:
             return self._run(values, substeps).reading
 
         limit = {} if most is None else {"most": most}
-        return choose(self.system, segment, p, start, simulate, tolerance, **limit)
+        return choose(
+            self.system, segment, p, start, simulate, tolerance, exact=self.exact, **limit
+        )
 
     def substeps(self, values: Mapping[str, float]) -> int:
         """Number of sub-steps in the whole record."""
@@ -232,7 +243,7 @@ class Simulator:
     def segment(self, values: Mapping[str, float]) -> Segment:
         """The time axis: stretches of straight drive, and where the reading is taken."""
         if self.system.delay is None:
-            return self._drive.sampled
+            return self._timed(self._drive.sampled)
         delay = float(self.system.delay(self._parameters(values)))
         kept = self._segment_at
         if kept is None or kept[0] != delay:
@@ -240,9 +251,13 @@ class Simulator:
             if self.initial is Initial.PERIODIC:
                 length = float(self.record.period or np.inf)
                 drive = led_in(drive, max(1, int(np.ceil(delay / length))))
-            kept = (delay, segments(drive, self._at, delay))
+            kept = (delay, self._timed(segments(drive, self._at, delay)))
             self._segment_at = kept
         return kept[1]
+
+    def _timed(self, segment: Segment) -> Segment:
+        """A time axis as this scheme goes along it."""
+        return segment.even if self.exact else segment
 
     def _cut(self, segment: Segment, substeps: Substeps) -> IntArray:
         kept = self._cut_of

@@ -64,7 +64,8 @@ class Transitions:
         system = simulator.system
         self.states = len(system.state_names)
         starts = tuple(INITIAL + name for name in system.state_names)
-        made = scheme(system, (*starts, *(name for pair in amplitudes for name in pair)))
+        moved = (*starts, *(name for pair in amplitudes for name in pair))
+        made = scheme(system, moved, simulator.exact)
         falling = [system.channel_names.index(pair[0]) for pair in channels]
         rising = [system.channel_names.index(pair[1]) for pair in channels]
         x = simulator.response(values).states

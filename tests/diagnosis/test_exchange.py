@@ -153,7 +153,7 @@ def test_the_last_step_is_asked_only_where_it_was_judged_beside_something_else(
         other = SimpleNamespace(name=to, effect=None, p_value=0.0)
         return SimpleNamespace(fit=nothing, suspect=other)
 
-    seen = SimpleNamespace(ranked=(), suspects=())
+    seen = SimpleNamespace(ranked=(), suspects=(), shaped=True)
     monkeypatch.setattr(module, "_seen", lambda *_: seen)
     monkeypatch.setattr(module, "_rival", rival)
     monkeypatch.setattr(module, "group_of", lambda *_: ())
@@ -271,6 +271,30 @@ def test_a_rival_that_predicts_worse_is_asked_again_in_detail(
     assert (found is not None) is gives_way
     if found is not None:
         assert (found.fit, found.suspect, found.delta_bic) == (finer, suspect, 2.0 * STRONG)
+
+
+@pytest.mark.parametrize(("leaves_noise", "asked"), [(False, True), (True, False)])
+def test_details_are_asked_for_where_who_explains_is_refused(
+    records: tuple[po.Measurement, po.Measurement],
+    leaves_noise: bool,
+    asked: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A rival leaves but noise and the other record is against it: a detail may be missing."""
+    foot, fit, steps, held = climbed(*records, Creep(elements=1), SensorCurvature())
+    seen: list[int] = []
+    in_shape = module._in_shape
+    monkeypatch.setattr(
+        module, "explained", lambda of: leaves_noise if of is fit else "creep" not in of.model
+    )
+    monkeypatch.setattr(
+        module, "elsewhere", lambda of, _: np.full(9, 1.0 if "creep" in of.model else 1.01)
+    )
+    monkeypatch.setattr(
+        module, "_in_shape", lambda was, threads: seen.append(1) or in_shape(was, threads)
+    )
+    exchange(foot, fit, steps, held, OFFERED, threads=2)
+    assert bool(seen) is asked
 
 
 def test_rivals_are_compared_in_the_details_of_their_shapes() -> None:

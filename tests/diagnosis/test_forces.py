@@ -19,6 +19,7 @@ from tests.diagnosis.planted import FLOOR, entering, planted, swept
 from tests.diagnosis.plants import MOVING, NOISE, STILL, TRUTH, clock, fitted, measured
 
 SHORT = clock(400, 2000.0)
+COARSE = po.SingleShooting(refine=False)
 
 
 def by_place(found: tuple[Force, ...]) -> dict[Place, Force]:
@@ -61,15 +62,20 @@ def cases() -> dict[str, po.Fit]:
             po.Identification(MOVING, [plain.rename("a"), late.rename("b")]), start=TRUTH
         ),
         "line": po.solve(po.Identification(AmplifierLag() + MOVING, plain), start=lagging),
+        "compared": po.solve(
+            po.Identification(AmplifierLag() + MOVING, held), start=lagging, transcription=COARSE
+        ),
     }
 
 
-CASES = ("plain", "startup", "held", "quasi-static", "uneven", "two records", "line")
+CASES = ("plain", "startup", "held", "quasi-static", "uneven", "two records", "line", "compared")
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_answers_are_those_of_the_compiled_core_and_their_transpose(name: str) -> None:
     chain = Entering(cases()[name])
+    # A model that is only compared moves what is linear by its exponential.
+    assert chain.fit.accuracy[0].substeps.exact == (name == "compared")
     random = np.random.default_rng(0)
     n = sum(chain.trajectory.lengths)
     w = np.cumsum(random.normal(size=n))

@@ -223,6 +223,19 @@ def test_lags_overlap_and_a_drift_does_not() -> None:
     assert suspect_of(found, "drift").overlaps == ()
 
 
+def test_of_several_forms_the_most_alike_is_told_once() -> None:
+    time = clock()
+    hidden = Creep(elements=1), {"c": 0.05, "tau": 0.05}
+    point = BasePoint(fitted(STILL, measured(STILL, time, rich(time), hidden)))
+    for forms in ([Creep(elements=1), Creep(elements=3)], [Creep(elements=3), Creep(elements=1)]):
+        found, _ = score(point, [SensorLag(), *forms])
+        lag = suspect_of(found, "sensor_lag")
+        cosines = [abs(float(lag.direction @ s.direction)) for s in found if s.name == "creep"]
+        assert abs(cosines[0] - cosines[1]) > 1e-3
+        assert max(cosines) > 0.5
+        assert lag.overlaps == (("creep", round(max(cosines), 4)),)
+
+
 @pytest.mark.parametrize(
     ("effect", "own"),
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -58,6 +59,32 @@ def test_the_answer_comes_back_bit_by_bit(fit: po.Fit, path: Path) -> None:
     assert back.to_dict() == fit.to_dict()
     assert str(back) == str(fit)
     assert back.interval("bouc_wen.beta") == fit.interval("bouc_wen.beta")
+
+
+def test_a_fit_comes_back_on_the_scheme_that_it_was_made_with(fit: po.Fit, tmp_path: Path) -> None:
+    compared = po.solve(
+        replace(fit.question, records=fit.records[0], weights=(), per_record=()),
+        transcription=po.SingleShooting(refine=False),
+    )
+    assert compared.accuracy[0].substeps.exact
+    save_fit(compared, tmp_path / "fit.h5")
+    back = load_fit(tmp_path / "fit.h5")
+    assert back.accuracy == compared.accuracy
+    # And what it predicts is simulated with it, too.
+    np.testing.assert_allclose(
+        back.predict(fit.records[0]),
+        compared.readings[0],
+        rtol=0,
+        atol=1e-4 * np.ptp(back.readings),
+    )
+    # Files of before tell of no scheme: there was one.
+    with h5py.File(tmp_path / "fit.h5", "r+") as file:
+        told = json.loads(file["fit/result"][()].tobytes())
+        told["accuracy"] = [row[:5] for row in told["accuracy"]]
+        del file["fit/result"]
+        file["fit/result"] = np.frombuffer(json.dumps(told).encode(), dtype=np.uint8)
+    before = load_fit(tmp_path / "fit.h5").accuracy[0].substeps
+    assert before == replace(compared.accuracy[0].substeps, exact=False)
 
 
 def test_the_question_comes_back(fit: po.Fit, path: Path) -> None:

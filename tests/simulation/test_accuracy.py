@@ -58,15 +58,17 @@ def finer(run: Simulator, values: Mapping[str, float], times: int) -> FloatArray
     return reading
 
 
+@pytest.mark.parametrize("exact", [False, True])
 @pytest.mark.parametrize("between", [Between.LINEAR, Between.HELD])
 @pytest.mark.parametrize("name", MODELS)
 def test_the_stated_error_is_the_difference_to_sixteen_times_the_substeps(
-    name: str, between: Between
+    name: str, between: Between, exact: bool
 ) -> None:
     model, own = MODELS[name]
     for seed, tolerance in enumerate((1e-4, 1e-5, 1e-6)):
         values = Values.nominal(model).with_({"bouc_wen.gamma": 0.01, **own})
-        run = Simulator(model, record(seed, between), values, tolerance=tolerance)
+        run = Simulator(model, record(seed, between), values, tolerance=tolerance, exact=exact)
+        assert run.accuracy.substeps.exact == exact
         reading = run.reading(values)
         error = float(np.sqrt(np.mean((finer(run, values, 16) - reading) ** 2)))
         stated = run.accuracy.error

@@ -12,7 +12,7 @@ from piezo_opt.diagnosis.advice.gate import gate_of, null_of
 from piezo_opt.diagnosis.advice.members import Member
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.identification.unknowns import unknowns
-from piezo_opt.simulation import INITIAL, Simulator, Substeps
+from piezo_opt.simulation import INITIAL, Simulator
 from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
@@ -57,7 +57,7 @@ def starts_of(
                 numbers,
                 directions=tuple(reach),
                 runtime=question.free,
-                substeps=Substeps(min(substeps.longest, quickest), substeps.largest_move),
+                substeps=replace(substeps, longest=min(substeps.longest, quickest)),
             )
             slopes = simulator.with_sensitivities(numbers)[1][record.counted]
             open_by = numbers[gate] - null_of(gate_of(effect))
