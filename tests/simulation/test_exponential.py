@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, final
 
 import casadi as ca
 import numpy as np
@@ -15,28 +16,36 @@ from piezo_opt.assembly import assemble
 from piezo_opt.effects import (
     AmplifierLag,
     BoucWen,
+    Chain,
     Creep,
     CubicStiffness,
+    DeadZone,
     Delay,
+    Effect,
+    Equations,
     Friction,
     LoadMass,
     Model,
     Offset,
+    Parameter,
     PiezoGain,
+    Place,
     SecondMode,
     SecondOrder,
     SensorLag,
     SlewLimit,
+    State,
 )
 from piezo_opt.measurement import Between, Measurement
 from piezo_opt.simulation import Simulator, Substeps
-from piezo_opt.simulation.exponential import LENGTHS, linear_part, longest, weights
+from piezo_opt.simulation.exponential import LENGTHS, _split, linear_part, longest, weights
 from piezo_opt.values import Values
 
 FloatArray = NDArray[Any]
 
 LOOP = PiezoGain() + BoucWen()
 MOVING = LOOP + SecondOrder() + Offset()
+BOTH = (Between.HELD, Between.LINEAR)
 STEP = 1e-3
 OMEGA = 2.0 * np.pi * 80.0
 
@@ -148,6 +157,47 @@ def test_the_parts_add_up_to_the_rates(model: Model) -> None:
     assert (matrix[~inside] == 0.0).all()
 
 
+@final
+@dataclass(frozen=True)
+class Written(Effect):
+    """A lag as somebody may write it, beside what is not linear in it."""
+
+    place = Place.OUTPUT
+    z = State("m", "lagged")
+    tau = Parameter("s", "its time", nominal=2e-4, bounds=(1e-6, 1.0), typical=(1e-4, 1e-2))
+    share = Parameter("1", "gate", nominal=1.0, bounds=(0.0, 1.0), typical=(0.1, 1.0), null=0.0)
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        seen = chain.incoming.value
+        rate = (-(x.z + x.z) + 3.0 * seen) / p.tau + (x.z - 0.2 * x.z * seen) * p.tau
+        return Equations(gives=seen + p.share * (x.z - seen), moves={"z": rate}, starts={"z": seen})
+
+
+def test_every_way_to_write_a_sum_is_taken_apart() -> None:
+    system = assemble(PiezoGain() + Written(), {})
+    part = linear_part(system, exact=True)
+    assert part.blocks == ((0,),)
+    d, tau = 1e-2, 2e-4
+    given = {"piezo_gain.d": d, "written.tau": tau, "written.share": 1.0}
+    p = [given[name] for name in system.parameter_names]
+    slope = -2.0 / tau + tau
+    assert float(part.matrix(p)) == pytest.approx(slope)
+    for z, u in ((0.3, 0.0), (0.3, 40.0), (-2.0, 7.0)):
+        seen = d * u
+        rest = 3.0 * seen / tau - 0.2 * z * seen * tau
+        none = np.zeros(0)
+        assert float(part.rest(0.0, z, u, 0.0, none, none, p)) == pytest.approx(rest, abs=1e-9)
+
+
+def test_a_negative_rate_is_taken_apart() -> None:
+    x, p = ca.SX.sym("x"), ca.SX.sym("p")
+    one = -(x * p)
+    assert one.is_op(ca.OP_NEG)
+    slopes, rest = _split(one, x, ca.vertcat(x), (0,))
+    assert float(ca.evalf(ca.substitute(slopes[0], p, 3.0))) == -3.0
+    assert float(ca.evalf(rest)) == 0.0
+
+
 def test_without_it_all_is_rest() -> None:
     system = assemble(MOVING, {})
     part = linear_part(system, exact=False)
@@ -212,6 +262,40 @@ def test_uneven_time_stays_with_runge_kutta() -> None:
     later = Measurement(3600.0 + given.time, given.drive, given.position)
     assert np.ptp(np.diff(later.time)) > 0.0
     assert Simulator(MOVING, later, values, exact=True).accuracy.substeps.exact
+
+
+def test_many_samples_of_even_time_are_even() -> None:
+    """Rounding of instants makes more lengths than are kept, and of a held drive twice as many."""
+    time = np.arange(20_000) / 3e3
+    drive = 30.0 + 30.0 * np.sin(2 * np.pi * 3.0 * time)
+    given = Measurement(time, drive, 1e-7 * drive, between=Between.HELD)
+    run = Simulator(MOVING, given, values_of(MOVING), exact=True)
+    assert run.accuracy.substeps.exact
+    lengths = run.segment(values_of(MOVING)).length
+    assert np.unique(lengths).size <= 4
+    plain = Simulator(MOVING, given, values_of(MOVING)).segment(values_of(MOVING)).length
+    assert np.unique(plain).size > LENGTHS
+    np.testing.assert_allclose(lengths, plain, rtol=0, atol=1e-14)
+
+
+def test_what_a_fast_lag_is_followed_by_is_not_stepped_over() -> None:
+    model, tau = AmplifierLag() + MOVING, 5e-5
+    own = {"amplifier_lag.share": 1.0, "amplifier_lag.tau": tau}
+    run = Simulator(model, record(), values_of(model, own), exact=True, tolerance=1.0)
+    assert run.accuracy.substeps.longest == pytest.approx(4.0 * tau)
+
+
+def test_corners_along_the_drive_do_not_cut_the_time_between() -> None:
+    """A held drive crosses a dead zone within its steps, a straight one on its way."""
+    model = DeadZone() + MOVING
+    own = {"dead_zone.share": 1.0, "dead_zone.width": 1.0, "second_order.zeta": 0.02}
+    values = values_of(model, own)
+    held, straight = (Simulator(model, record(between), values, exact=True) for between in BOTH)
+    first = Simulator(model, record(), values, exact=True, tolerance=1.0).accuracy.substeps
+    assert held.accuracy.substeps.longest == pytest.approx(STEP, rel=2e-3)
+    assert held.accuracy.substeps.largest_move < 0.3 * first.largest_move
+    assert straight.accuracy.substeps.longest < 0.3 * STEP
+    assert straight.accuracy.substeps.largest_move == first.largest_move
 
 
 @pytest.mark.parametrize("between", [Between.LINEAR, Between.HELD])
