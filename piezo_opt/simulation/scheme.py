@@ -7,7 +7,11 @@ Sensitivities S = dx/d(direction) are differentiated through the scheme itself: 
 the numbers that the scheme produces, not for the differential equation. Only entries that can
 ever be non-zero are carried.
 
-Source: Hairer, Norsett & Wanner (1993), Solving Ordinary Differential Equations I, II.1 and I.14.
+Linear blocks may be moved by their exponential instead (:mod:`.exponential`): their stages are
+those of the exponential scheme of the same order, which is this one where a block is zero.
+
+Source: Hairer, Norsett & Wanner (1993), Solving Ordinary Differential Equations I, II.1 and I.14;
+Cox & Matthews (2002), Journal of Computational Physics 176, 430-455 (ETD4RK).
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from piezo_opt.errors import InputError, ModelError
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation.accuracy import Accuracy, Substeps, choose
 from piezo_opt.simulation.engine import Engine, Run, engine
-from piezo_opt.simulation.exponential import few
+from piezo_opt.simulation.exponential import few, linear_part
 from piezo_opt.simulation.schedule import Drive, Segment, corners, led_in, segments
 from piezo_opt.simulation.scheme import INITIAL
 from piezo_opt.values import Values
@@ -84,7 +84,7 @@ class Simulator:
         substeps: given sub-steps instead of chosen ones.
         most: sub-steps in the whole record at which their choice ends.
         exact: whether chosen sub-steps may move linear blocks by their exponential; they do where
-            the record is evenly sampled. Given sub-steps say it themselves.
+            there are any and the record is evenly sampled. Given sub-steps say it themselves.
     """
 
     def __init__(
@@ -124,10 +124,7 @@ class Simulator:
         self._drive: Drive = corners(record, self.system.channel_names)
         self._at = record.time - record.time[0]
         self._prefer_compiled = prefer_compiled
-        # What moves by an exponential asks for a new one whenever a sub-step has another length.
-        self.exact = (
-            exact and few(self._drive.sampled.even.length) if substeps is None else substeps.exact
-        )
+        self.exact = exact and self._worth_it() if substeps is None else substeps.exact
         # Kept from call to call, each replaced as a whole: threads may race, never mix.
         self._segment_at: tuple[float, Segment] | None = None
         self._cut_of: tuple[Segment, Substeps, IntArray] | None = None
@@ -254,6 +251,14 @@ class Simulator:
             kept = (delay, self._timed(segments(drive, self._at, delay)))
             self._segment_at = kept
         return kept[1]
+
+    def _worth_it(self) -> bool:
+        """Whether something is linear, and the time even.
+
+        What moves by an exponential asks for a new one whenever a sub-step has another length.
+        """
+        blocks = linear_part(self.system, exact=True).blocks
+        return len(blocks) > 0 and few(self._drive.sampled.even.length)
 
     def _timed(self, segment: Segment) -> Segment:
         """A time axis as this scheme goes along it."""

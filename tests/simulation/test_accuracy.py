@@ -68,7 +68,8 @@ def test_the_stated_error_is_the_difference_to_sixteen_times_the_substeps(
     for seed, tolerance in enumerate((1e-4, 1e-5, 1e-6)):
         values = Values.nominal(model).with_({"bouc_wen.gamma": 0.01, **own})
         run = Simulator(model, record(seed, between), values, tolerance=tolerance, exact=exact)
-        assert run.accuracy.substeps.exact == exact
+        # A loop alone has nothing that is linear.
+        assert run.accuracy.substeps.exact == (exact and name != "loop")
         reading = run.reading(values)
         error = float(np.sqrt(np.mean((finer(run, values, 16) - reading) ** 2)))
         stated = run.accuracy.error
