@@ -10,12 +10,12 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.effects.base import Effect, Place
+from piezo_opt.effects.base import Effect
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Start
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Objective
-from piezo_opt.identification.shapes import shape_grid
+from piezo_opt.identification.shapes import resolving, shape_grid
 from piezo_opt.identification.tall import triangle
 from piezo_opt.identification.unknowns import theta_of, unknowns
 from piezo_opt.simulation import Initial, Simulator, Substeps
@@ -125,13 +125,11 @@ class BasePoint:
         records = self.question.campaign.records
         if grid is None:
             grid = self.grid(effect)
-        simulators: dict[float, list[Simulator]] = {}
+        simulators: dict[tuple[float, float], list[Simulator]] = {}
         found = []
         for shapes in grid:
             own = {f"{name}.{k}": v for k, v in shapes.items()}
-            finest = self._quickest(effect, shapes)
-            # An explicit scheme is stable up to 2.7 time constants; one is accurate enough here.
-            key = float(2.0 ** np.floor(np.log2(finest))) if np.isfinite(finest) else np.inf
+            longest, farthest = key = resolving(effect, shapes)
             columns = []
             for index, record in enumerate(records):
                 numbers = {
@@ -156,7 +154,9 @@ class BasePoint:
                                 else Initial.REST
                             ),
                             runtime=self.question.free,
-                            substeps=replace(base, longest=min(base.longest, key)),
+                            substeps=replace(
+                                base, longest=min(base.longest, longest), farthest=farthest
+                            ),
                         )
                     )
                 _, slope = simulators[key][index].with_sensitivities(numbers)
@@ -183,31 +183,6 @@ class BasePoint:
             simulator.choose(self._unknowns.of_record(index, self._theta), _ROUGH).substeps
             for index, simulator in enumerate(self._objective.simulators)
         )
-
-    def _quickest(self, effect: Effect, shapes: Mapping[str, float]) -> float:
-        """The shortest time constant [s] of an effect's own states; infinite without any.
-
-        A contact that gives way within a displacement is as fast as the motion runs through it.
-        """
-        times = [np.inf]
-        for name, value in shapes.items():
-            unit = effect.parameters[name].unit
-            if unit == "s":
-                times.append(value)
-            elif unit == "rad/s" and value > 0:
-                times.append(1.0 / value)
-            elif effect.place is Place.MOTION and unit in ("m", "1/m") and value > 0:
-                times.append((value if unit == "m" else 1.0 / value) / self._speed)
-        return min(times)
-
-    @cached_property
-    def _speed(self) -> float:
-        """The fastest motion that the fit shows [m/s]."""
-        fastest = [
-            float(np.abs(np.diff(reading) / np.diff(record.time)).max())
-            for record, reading in zip(self.fit.records, self.fit.readings, strict=True)
-        ]
-        return max(max(fastest), np.finfo(float).tiny)
 
     def grid(self, effect: Effect) -> list[dict[str, float]]:
         """Shape values that the records suggest for an absent effect."""

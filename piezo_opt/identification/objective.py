@@ -141,59 +141,96 @@ class Objective:
     def mended(self, theta: FloatArray, point: Linearised | None = None) -> bool:
         """Choose anew, at a point, sub-steps that have become far too coarse; True for any.
 
-        Far too coarse are those that, each cut in two, change the reading by a good part of the
-        residual, and by far more than they were chosen for.
-
         Args:
             theta: the point.
             point: what is known there; simulated unless given.
         """
-        strayed = False
-        readings = self.readings(theta) if point is None else point.readings
+        astray = self.strayed(theta, self.readings(theta) if point is None else point.readings)
+        for i in astray:
+            simulator = self.simulators[i]
+            most = ENOUGH_A_SAMPLE * self.counted[i].size
+            simulator.accuracy = simulator.choose(self.unknowns.of_record(i, theta), most=most)
+        return bool(astray)
+
+    def strayed(self, theta: FloatArray, readings: Sequence[FloatArray]) -> list[int]:
+        """Records whose sub-steps have become far too coarse, even to compare models by.
+
+        Those are sub-steps that, each cut in two, change the reading by a good part of the
+        residual, and by far more than they were chosen for.
+
+        Args:
+            theta: a point.
+            readings: (N,) modelled readings there, of each record.
+        """
         rms = self.rms(self._residual(readings, theta))
+        astray = []
         for i, simulator in enumerate(self.simulators):
-            theta_i = self.unknowns.of_record(i, theta)
             span = float(np.ptp(self.question.campaign.records[i].position))
-            change = simulator.halving(theta_i, readings[i])
+            change = simulator.halving(self.unknowns.of_record(i, theta), readings[i])
             if not change <= max(_STRAYED * rms, _BEYOND * TOLERANCE * span):
-                most = ENOUGH_A_SAMPLE * self.counted[i].size
-                simulator.accuracy = simulator.choose(theta_i, most=most)
-                strayed = True
-        return strayed
+                astray.append(i)
+        return astray
 
-    def readings(self, theta: FloatArray) -> list[FloatArray]:
-        """Modelled reading of each record, all samples."""
+    def readings(self, theta: FloatArray, most: float = np.inf) -> list[FloatArray]:
+        """Modelled reading of each record, all samples; ``most`` as for :meth:`linearised`."""
         self.monitor.simulations += len(self.simulators)
-        return [s.reading(self.unknowns.of_record(i, theta)) for i, s in enumerate(self.simulators)]
+        readings: list[FloatArray] = []
+        for i, simulator in enumerate(self.simulators):
+            ceiling = self._ceiling(readings, most)
+            readings.append(simulator.reading(self.unknowns.of_record(i, theta), ceiling))
+        return readings
 
-    def residual(self, theta: FloatArray) -> FloatArray:
-        """Residuals at a point, as in :class:`Linearised`."""
-        return self._residual(self.readings(theta), theta)
+    def residual(self, theta: FloatArray, most: float = np.inf) -> FloatArray:
+        """Residuals at a point, as in :class:`Linearised`; ``most`` as for :meth:`linearised`."""
+        return self._residual(self.readings(theta, most), theta)
+
+    def _ceiling(self, known: Sequence[FloatArray], most: float) -> float | None:
+        """Sum of squares of the next record's misfit from which on the cost is above ``most``.
+
+        Args:
+            known: modelled readings of the records before it.
+            most: the cost.
+        """
+        if most == np.inf or self.question.loss.shape is not Shape.SQUARE:
+            return None
+        with np.errstate(over="ignore"):
+            spent = [np.sum(self._misfit(i, reading) ** 2) for i, reading in enumerate(known)]
+        return (2.0 * most - float(sum(spent))) / self._root_weights[len(known)] ** 2
+
+    def _misfit(self, index: int, reading: FloatArray) -> FloatArray:
+        """Weighted residuals of one record on its counted samples."""
+        off = reading - self.question.campaign.records[index].position
+        return np.asarray(self._root_weights[index] * off[self.counted[index]])
 
     def _residual(self, readings: Sequence[FloatArray], theta: FloatArray) -> FloatArray:
-        parts = [
-            self._root_weights[i] * (reading - record.position)[self.counted[i]]
-            for i, (reading, record) in enumerate(
-                zip(readings, self.question.campaign.records, strict=True)
-            )
-        ]
+        parts = [self._misfit(i, reading) for i, reading in enumerate(readings)]
         return np.concatenate([*parts, self._prior_rows(theta)])
 
-    def linearised(self, theta: FloatArray) -> Linearised:
-        """Residuals and Jacobian at a point."""
+    def linearised(self, theta: FloatArray, most: float = np.inf) -> Linearised:
+        """Residuals and Jacobian at a point.
+
+        Args:
+            theta: the point.
+            most: cost above which nobody wants to know more than that it is: residuals need not be
+                finite then, and the Jacobian means nothing.
+        """
         self.monitor.with_sensitivities += len(self.simulators)
-        residuals, blocks, readings = [], [], []
+        residuals, blocks = [], []
+        readings: list[FloatArray] = []
         for i, simulator in enumerate(self.simulators):
             record, mask = self.question.campaign.records[i], self.counted[i]
-            reading, slopes = simulator.with_sensitivities(self.unknowns.of_record(i, theta))
+            reading, slopes = simulator.with_sensitivities(
+                self.unknowns.of_record(i, theta), self._ceiling(readings, most)
+            )
             readings.append(reading)
             if len(self.simulators) == 1 and self._plain:
                 residuals.append(reading - record.position)
                 blocks.append(slopes)
                 continue
-            residuals.append(self._root_weights[i] * (reading - record.position)[mask])
+            residuals.append(self._misfit(i, reading))
             block = np.zeros((int(mask.sum()), theta.size))
-            block[:, self._columns[i]] = self._root_weights[i] * slopes[mask]
+            if np.isfinite(reading).all():
+                block[:, self._columns[i]] = self._root_weights[i] * slopes[mask]
             blocks.append(block)
         if self._priors:
             noise = float(self.question.noise or 1.0)

@@ -122,6 +122,7 @@ def _cut(segment: Segment, count: IntArray) -> Segment:
         time_by_delay=nothing,
         channels_by_delay=np.zeros_like(beside),
         reading=np.arange(which.size, dtype=np.int32),
+        travel=(segment.travel / count)[which],
     )
 
 

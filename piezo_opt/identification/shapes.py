@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, signal
 
-from piezo_opt.effects.base import Effect, Parameter
+from piezo_opt.effects.base import Effect, Parameter, Place
 from piezo_opt.identification.unknowns import limits
 from piezo_opt.measurement import Measurement
 
@@ -23,6 +23,8 @@ FloatArray = NDArray[np.float64]
 
 _MOST = 24
 """Grid points an effect may have."""
+_STABLE = 2.0
+"""Displacements of a contact that the motion may go within one sub-step."""
 
 
 def shape_grid(
@@ -87,6 +89,32 @@ def _values(parameter: Parameter, record: Measurement, residual: FloatArray) -> 
     if unit == "rad":
         return [0.0, 0.25 * np.pi, 0.5 * np.pi, 0.75 * np.pi]
     return [parameter.nominal]
+
+
+def resolving(effect: Effect, shapes: Mapping[str, float]) -> tuple[float, float]:
+    """Longest sub-step [s], and longest way of the motion within one [m], for an effect's shapes.
+
+    Both are infinite where nothing asks for them. One time constant a sub-step is accurate enough
+    to look at an effect; of few lengths, so that shapes can share theirs. What gives way to the
+    motion within a displacement moves as fast as the motion runs through that; an explicit scheme
+    of order four is stable up to 2.7 times it.
+
+    Args:
+        effect: the effect.
+        shapes: own shape values.
+    """
+    times, ways = [np.inf], [np.inf]
+    for name, value in shapes.items():
+        unit = effect.parameters[name].unit
+        if value <= 0:
+            continue
+        if unit in ("s", "rad/s"):
+            times.append(value if unit == "s" else 1.0 / value)
+        elif unit in ("m", "1/m") and effect.place is Place.MOTION:
+            ways.append(value if unit == "m" else 1.0 / value)
+    shortest = min(times)
+    longest = float(2.0 ** np.floor(np.log2(shortest))) if shortest < np.inf else np.inf
+    return longest, _STABLE * min(ways)
 
 
 def detail_start(parameter: Parameter, record: Measurement) -> float:

@@ -21,7 +21,7 @@ from piezo_opt.effects.model import Model
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import ENOUGH_A_SAMPLE, Objective
 from piezo_opt.identification.problem import Identification, Start
-from piezo_opt.identification.shapes import resonances, shape_grid
+from piezo_opt.identification.shapes import resolving, resonances, shape_grid
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
 from piezo_opt.identification.tall import gram
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
@@ -227,17 +227,23 @@ def joint_starts(question: Identification, name: str, threads: int = 1) -> tuple
     )
     begun = []
     for shapes in shape_grid(model[name], record, residual):
+        _, farthest = resolving(model[name], shapes)
         own = {f"{name}.{k}": v for k, v in shapes.items()}
         for width in (*_JOINT_WIDTHS, None) if widths else (None,):
             wide = {} if width is None else {**dict.fromkeys(widths, width / swing),
                                              **dict.fromkeys(gammas, 0.0)}  # fmt: skip
-            begun.append({**start, **own, **wide})
-    nominal, *others = begun
-    trials = [search.trial(nominal, (gate,))]  # which chooses the sub-steps of them all
+            begun.append(({**start, **own, **wide}, farthest))
+    begun.sort(key=lambda pair: -pair[1])
+    softest, *others = begun
+
+    def tried(one: tuple[dict[str, float], float]) -> tuple[float, dict[str, float], float]:
+        return *search.trial(one[0], (gate,), farthest=one[1]), one[1]
+
+    trials = [tried(softest)]  # which chooses the sub-steps of those that need none shorter
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        trials += pool.map(lambda one: search.trial(one, (gate,)), others)
-        nearest = sorted(trials, key=lambda pair: pair[0])[:_FOLLOWED]
-        followed = list(pool.map(lambda pair: search.followed(pair[1]), nearest))
+        trials += pool.map(tried, others)
+        nearest = sorted(trials, key=lambda one: one[0])[:_FOLLOWED]
+        followed = list(pool.map(lambda one: search.followed(*one[1:]), nearest))
     ranked = [found for _, found in sorted(followed, key=lambda pair: pair[0])]
     best = ranked[0]
     shaping = sorted(k for k in best if k.startswith(f"{name}.") and k != gate)
@@ -311,8 +317,11 @@ class _Search:
         self._monitor = monitor
         self._objective: Objective | None = None
         self._unknowns: Unknowns | None = None
+        self._finer: dict[float, Objective] = {}
 
-    def _ready(self, start: dict[str, float]) -> tuple[Objective, Unknowns]:
+    def _ready(
+        self, start: dict[str, float], farthest: float = np.inf
+    ) -> tuple[Objective, Unknowns]:
         if self._objective is None or self._unknowns is None:
             self._unknowns = unknowns(self.question, Values(start))
             at = theta_of(self._unknowns, start)
@@ -320,20 +329,36 @@ class _Search:
                 self.question, self._unknowns, at, self._monitor, _ROUGH, most=ENOUGH_A_SAMPLE,
                 exact=True,
             )  # fmt: skip
-        return self._objective, self._unknowns
+        if farthest == np.inf:
+            return self._objective, self._unknowns
+        if farthest not in self._finer:
+            at = theta_of(self._unknowns, start)
+            finer = tuple(
+                replace(a, substeps=replace(a.substeps, farthest=farthest))
+                for a in self._objective.accuracy
+            )
+            self._finer[farthest] = Objective(
+                self.question, self._unknowns, at, self._monitor, accuracy=finer
+            )
+        return self._finer[farthest], self._unknowns
 
     def projected(self, start: dict[str, float], extra: Sequence[str] = ()) -> dict[str, float]:
         """Values after one linear step in gains, offset, initial states and ``extra``."""
         return self.trial(start, extra)[1]
 
     def trial(
-        self, start: dict[str, float], extra: Sequence[str] = (), worst: float = np.inf
+        self,
+        start: dict[str, float],
+        extra: Sequence[str] = (),
+        worst: float = np.inf,
+        farthest: float = np.inf,
     ) -> tuple[float, dict[str, float]]:
         """Cost and values after one linear step, or at the start if the step is worse.
 
-        A step that would not lead below the cost ``worst`` is not simulated.
+        A step that would not lead below the cost ``worst`` is not simulated. Sub-steps are those
+        that the first trial chose, in none of which the motion goes farther than ``farthest`` [m].
         """
-        objective, unknown = self._ready(start)
+        objective, unknown = self._ready(start, farthest)
         theta = theta_of(unknown, start)
         point = objective.linearised(theta)
         cost = objective.cost(point.residual)
@@ -356,7 +381,7 @@ class _Search:
         moved = theta.copy()
         moved[linear] += step * unknown.scale[linear]
         moved = unknown.clip(moved)
-        after = objective.cost(objective.residual(moved))
+        after = objective.cost(objective.residual(moved, most=min(cost, worst)))
         if after < cost:
             theta, cost = moved, after
         return cost, dict(unknown.values(theta))
@@ -373,9 +398,11 @@ class _Search:
             return False
         return not declared.fixed or name in self.question.free
 
-    def followed(self, start: dict[str, float]) -> tuple[float, dict[str, float]]:
+    def followed(
+        self, start: dict[str, float], farthest: float = np.inf
+    ) -> tuple[float, dict[str, float]]:
         """Cost and values after some Gauss-Newton steps in all unknowns."""
-        objective, unknown = self._ready(start)
+        objective, unknown = self._ready(start, farthest)
         solution = LevenbergMarquardt(iterations=4, tolerance=1e-4).minimise(
             objective, theta_of(unknown, start)
         )

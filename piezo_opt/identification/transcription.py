@@ -52,12 +52,15 @@ class SingleShooting:
     Args:
         refine: whether sub-steps are chosen anew at the solution, and the fit repeated where
             they had been too coarse; without it the scheme may bias what a long record knows
-            very well (a resonance), which does not matter for a comparison of models. Sub-steps
-            whose error has become a good part of what is left are always chosen anew: a search
-            finds where the scheme errs in its favour (two loops in series, at steps of the drive).
+            very well (a resonance), which does not matter for a comparison of models.
+        mend: whether, where they are not refined, sub-steps whose error has become a good part of
+            what is left are chosen anew all the same: a search finds where the scheme errs in its
+            favour (two loops in series, at steps of the drive). Without it
+            :func:`piezo_opt.identification.too_coarse` tells of a fit whether that is so.
     """
 
     refine: bool = True
+    mend: bool = True
 
     @property
     def name(self) -> str:
@@ -93,7 +96,7 @@ class SingleShooting:
             solution = taken.minimise(objective, solution.theta)
         elif self.refine:
             solution = replace(solution, point=None)  # on other sub-steps than were chosen since
-        elif objective.mended(solution.theta, solution.point):
+        elif self.mend and objective.mended(solution.theta, solution.point):
             solution = taken.minimise(objective, solution.theta)
             if objective.mended(solution.theta, solution.point):
                 solution = replace(solution, point=None)  # told on the sub-steps that it needs

@@ -47,6 +47,8 @@ _PATIENCE: Final = 3
 class Substeps:
     """Longest sub-step [s] and largest change of the drive [V] within one sub-step.
 
+    Where something gives way to the motion, ``farthest`` is also how far the measured motion may go
+    within one [m]: it is fast for moments, and cutting all time as finely would take far longer.
     With ``times`` every sub-step is cut into that many, also one that is short already. They hold
     for the scheme that they were chosen for: ``exact`` is the one that moves linear blocks by their
     exponential (:mod:`piezo_opt.simulation.exponential`), else all states go by Runge-Kutta.
@@ -56,12 +58,16 @@ class Substeps:
     largest_move: float
     times: int = 1
     exact: bool = False
+    farthest: float = np.inf
 
     def of(self, segment: Segment) -> IntArray:
         """Number of sub-steps of each segment, at least one."""
         by_time, by_move = segment.length / self.longest, segment.moves / self.largest_move
+        most = np.maximum(by_time, by_move)
+        if self.farthest < np.inf:
+            most = np.maximum(most, segment.travel / self.farthest)
         # The slack keeps rounding of time stamps from adding a sub-step here and there.
-        wanted = self.times * np.maximum(1.0, np.ceil(np.maximum(by_time, by_move) - 1e-6))
+        wanted = self.times * np.maximum(1.0, np.ceil(most - 1e-6))
         return np.asarray(np.minimum(wanted, np.iinfo(np.int32).max), dtype=np.int32)
 
     def scaled(self, time: float, move: float) -> Substeps:

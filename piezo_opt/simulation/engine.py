@@ -35,11 +35,27 @@ WRITERS: Final = (
 
 @final
 @dataclass(frozen=True, eq=False)
+class Ceiling:
+    """How far readings may miss a measurement before nobody wants to know the rest of them.
+
+    Attributes:
+        measured: (N,) [m]; what is NaN does not count.
+        squares: sum of the squares of the readings minus it [m^2], from which on a run may be
+            given up.
+    """
+
+    measured: FloatArray
+    squares: float
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class Run:
     """What a run returns.
 
     Attributes:
-        reading: (N,) [m].
+        reading: (N,) [m]; NaN from where it was given up, and nothing else of the run means
+            anything then.
         sensitivities: (N, k) derivative of the reading by each direction.
         states: (N, n) at the readings, None unless asked for.
         last: (n,) states at the end.
@@ -74,8 +90,12 @@ class Engine(Protocol):
         start_sensitivities: FloatArray,
         *,
         states: bool = False,
+        ceiling: Ceiling | None = None,
     ) -> Run:
-        """Simulate; shapes as in :class:`Run`, ``start_sensitivities`` (n, k)."""
+        """Simulate, no further than a ceiling; shapes as in :class:`Run`.
+
+        ``start_sensitivities`` is (n, k).
+        """
 
 
 @lru_cache(maxsize=2048)
@@ -141,7 +161,7 @@ class CompiledEngine:
         self._parameters = len(system.parameter_names)
         self._run = getattr(library, RUN)
         self._run.restype = None
-        self._run.argtypes = [ctypes.c_long] + [ctypes.c_void_p] * 18
+        self._run.argtypes = [ctypes.c_long, *[ctypes.c_void_p] * 19, ctypes.c_double]
         self._start = getattr(library, START)
         self._start.restype = None
         self._start.argtypes = [ctypes.c_void_p] * 7
@@ -166,6 +186,7 @@ class CompiledEngine:
         start_sensitivities: FloatArray,
         *,
         states: bool = False,
+        ceiling: Ceiling | None = None,
     ) -> Run:
         """Simulate."""
         count, (n, k) = segment.readings, self._shape
@@ -175,14 +196,18 @@ class CompiledEngine:
         cut = np.ascontiguousarray(substeps, dtype=np.int32)
         if s.shape != (n, k) or cut.shape != segment.length.shape:
             raise ValueError(f"sensitivities {s.shape}, sub-steps {cut.shape}: wrong shape")
-        y, j = np.empty(count), np.empty((count, k))
+        y, j = np.full(count, np.nan), np.empty((count, k))
         xs = np.empty((count, n)) if states else None
+        measured, most = None, np.inf
+        if ceiling is not None:
+            measured, most = self._vector(ceiling.measured, count), ceiling.squares
         at = segment.addresses
         self._run(
             segment.length.size, at.length, cut.ctypes.data, at.time, at.drive, at.slope,
             at.channels, at.channel_slopes, at.length_by_delay, at.drive_by_delay,
             at.time_by_delay, at.channels_by_delay, at.reading, _address(p), _address(x),
             _address(s), _address(y), _address(j), None if xs is None else _address(xs),
+            None if measured is None else _address(measured), most,
         )  # fmt: skip
         return Run(y, j, xs, x, s)
 
@@ -232,8 +257,9 @@ class VirtualMachine:
         start_sensitivities: FloatArray,
         *,
         states: bool = False,
+        ceiling: Ceiling | None = None,  # noqa: ARG002
     ) -> Run:
-        """Simulate."""
+        """Simulate to the end, which the ceiling allows, too."""
         made = self._scheme
         n = start.size
         which = np.repeat(np.arange(substeps.size), substeps)

@@ -42,13 +42,16 @@ _RUN_HEAD: Final = """\
    slopes DC (row-major), derivatives by the delay HT, UT, TT, CT; OBS is the index of the reading
    taken at the segment's end, or -1. X and S hold the state and its sensitivities (row-major) at
    the start on entry and at the end on return; Y, J, XO take readings, their sensitivities
-   (row-major) and, if XO is not null, the states at the readings. */
+   (row-major) and, if XO is not null, the states at the readings. If M is not null the run ends,
+   its results unfinished, as soon as the sum of squares of the readings minus M exceeds MOST or is
+   none; entries of M that are NaN do not count. */
 void po_run(const long n, const double *restrict H, const int *restrict NSUB,
             const double *restrict T, const double *restrict U, const double *restrict DU,
             const double *restrict C, const double *restrict DC, const double *restrict HT,
             const double *restrict UT, const double *restrict TT, const double *restrict CT,
             const int *restrict OBS, const double *restrict P, double *restrict X,
-            double *restrict S, double *restrict Y, double *restrict J, double *restrict XO)
+            double *restrict S, double *restrict Y, double *restrict J, double *restrict XO,
+            const double *restrict M, const double MOST)
 {
 """
 
@@ -113,6 +116,7 @@ def source(plan: Outline) -> str:
             line(2, f"{kind} {name};")
         line(1, f"}} kept[{LENGTHS}];")
         line(1, "int known = 0, next = 0;")
+    line(1, "double squares = 0.0;")
     line(1, "for (long j = 0; j < n;) {")
     for name, said in lengths.items():
         line(2, f"const double {name} = {said};")
@@ -177,6 +181,10 @@ def source(plan: Outline) -> str:
         line(4, f"const {lanes.kind(group)} J_{group} = {slope};")
         for lane, k in enumerate(columns):
             line(4, f"J[k * {nd} + {k}] = {lanes.entry(group, f'J_{group}', lane)};")
+    line(4, "if (M && M[k] == M[k]) {")
+    line(5, "squares += (Y[k] - M[k]) * (Y[k] - M[k]);")
+    line(5, "if (!(squares <= MOST)) return;")
+    line(4, "}")
     if nx:
         line(4, "if (XO) {")
         for i in range(nx):

@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import ndimage, signal
 
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import Between, Measurement
@@ -62,6 +62,8 @@ class Segment:
     time_by_delay: FloatArray
     channels_by_delay: FloatArray
     reading: NDArray[np.int32]
+    travel: FloatArray
+    """How far the measured motion goes in each segment, there and back [m]."""
 
     @cached_property
     def readings(self) -> int:
@@ -108,6 +110,8 @@ class Drive:
     channel_time: FloatArray
     channels: FloatArray
     """(samples of the record, channels)"""
+    way: FloatArray
+    """How far the measured motion has gone at the record's samples, there and back [m]."""
     closed: Drive | None = None
     """The first period, closed on itself, of a record that has a period."""
 
@@ -141,8 +145,19 @@ def _corners(record: Measurement, channels: tuple[str, ...]) -> Drive:
             f"{record.name}: a band-limited drive needs even sampling; take between=LINEAR, or "
             "resample the record."
         )
-    closed = None if record.period is None else _closed(record, record.period, t, beside)
-    return Drive(*_lines(record, t, record.drive), t, beside, closed)
+    way = _way(record.position)
+    closed = None if record.period is None else _closed(record, record.period, t, beside, way)
+    return Drive(*_lines(record, t, record.drive), t, beside, way, closed)
+
+
+def _way(position: FloatArray) -> FloatArray:
+    """How far a motion (N,) has gone at each sample [m].
+
+    What swings may be at its turn at one sample and in full motion at the next: every stretch
+    counts as its fastest neighbour.
+    """
+    stretches = ndimage.maximum_filter1d(np.abs(np.diff(position)), 3)
+    return np.concatenate([[0.0], np.cumsum(stretches)])
 
 
 def _lines(record: Measurement, t: FloatArray, drive: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -153,17 +168,20 @@ def _lines(record: Measurement, t: FloatArray, drive: FloatArray) -> tuple[Float
     return t, np.asarray(drive, dtype=float)
 
 
-def _closed(record: Measurement, period: float, t: FloatArray, beside: FloatArray) -> Drive:
+def _closed(
+    record: Measurement, period: float, t: FloatArray, beside: FloatArray, way: FloatArray
+) -> Drive:
     # The sample at the period's end is that at its start, whatever its time is rounded to.
     inside = t < period - 0.01 * record.step
     time = np.append(t[inside], period)
     channels = np.vstack([beside[inside], beside[:1]])
+    gone = np.append(way[inside], np.interp(period, t, way))
     if record.between is Between.BANDLIMITED:
         fine = signal.resample(record.drive[inside], int(inside.sum()) * _FINER)
         value = np.append(fine, fine[0])
-        return Drive(np.linspace(0.0, period, value.size), value, time, channels)
+        return Drive(np.linspace(0.0, period, value.size), value, time, channels, gone)
     drive = np.append(record.drive[inside], record.drive[0])
-    return Drive(*_lines(record, time, drive), time, channels)
+    return Drive(*_lines(record, time, drive), time, channels, gone)
 
 
 def cycle(drive: Drive, period: float) -> Segment:
@@ -196,6 +214,7 @@ def led_in(drive: Drive, times: int) -> Drive:
         np.concatenate([*[one.value[:-1]] * times, drive.value]),
         np.concatenate([at(one.channel_time), drive.channel_time]),
         np.concatenate([*[one.channels[:-1]] * times, drive.channels]),
+        np.concatenate([*(one.way[:-1] + k * one.way[-1] for k in range(-times, 0)), drive.way]),
     )
 
 
@@ -260,6 +279,7 @@ def segments(drive: Drive, readings: FloatArray, delay: float | None = None) -> 
     slopes = np.diff(drive.value) / np.diff(drive.time)
     slope = np.where((knots > drive.time[0]) & (start < drive.time[-1]), slopes[line - 1], 0.0)
     shift = 0.0 if delay is None else delay
+    gone, goes = np.interp([start + shift, knots + shift], drive.channel_time, drive.way)
     beside, beside_start = _channels(drive, knots + shift), _channels(drive, start + shift)
     length = knots - start
     safe = np.where(length > 0, length, 1.0)[:, None]
@@ -277,6 +297,7 @@ def segments(drive: Drive, readings: FloatArray, delay: float | None = None) -> 
         time_by_delay=time_by_delay,
         channels_by_delay=np.ascontiguousarray(beside_slope * time_by_delay[:, None]),
         reading=np.ascontiguousarray(index, dtype=np.int32),
+        travel=goes - gone,
     )
 
 

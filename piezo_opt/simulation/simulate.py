@@ -17,7 +17,7 @@ from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, ModelError
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation.accuracy import Accuracy, Substeps, choose
-from piezo_opt.simulation.engine import Engine, Run, engine
+from piezo_opt.simulation.engine import Ceiling, Engine, Run, engine
 from piezo_opt.simulation.exponential import few, linear_part
 from piezo_opt.simulation.schedule import Drive, Segment, corners, led_in, segments
 from piezo_opt.simulation.scheme import INITIAL
@@ -74,7 +74,7 @@ class Simulator:
 
     Args:
         model: a sum of effects.
-        record: gives time, drive and channels; its position is not read.
+        record: gives time, drive and channels; its position is read for a ceiling only.
         values: at these the number of sub-steps is chosen.
         directions: sensitivities wanted, parameter names or ``"initial." + state``.
         initial: rest or periodic steady state.
@@ -184,9 +184,9 @@ class Simulator:
         """Number of sub-steps in the whole record."""
         return self.accuracy.substeps.count(self.segment(values))
 
-    def reading(self, values: Mapping[str, float]) -> FloatArray:
-        """The reading (N,) [m]."""
-        return self._run(values, self.accuracy.substeps).reading
+    def reading(self, values: Mapping[str, float], most: float | None = None) -> FloatArray:
+        """The reading (N,) [m]; ``most`` as for :meth:`with_sensitivities`."""
+        return self._run(values, self.accuracy.substeps, most=most).reading
 
     def halving(self, values: Mapping[str, float], reading: FloatArray) -> float:
         """Root mean square by which a reading changes where every sub-step is cut in two [m]."""
@@ -206,14 +206,23 @@ class Simulator:
             self.directions, self.accuracy, self.compiled,
         )  # fmt: skip
 
-    def with_sensitivities(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
-        """The reading (N,) [m] and its derivative by each direction (N, k)."""
+    def with_sensitivities(
+        self, values: Mapping[str, float], most: float | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """The reading (N,) [m] and its derivative by each direction (N, k).
+
+        Args:
+            values: of the parameters, and deviations of the states at the start.
+            most: sum of squares of the misfit to the counted samples [m^2] above which nobody wants
+                to know it: the reading may be NaN from some sample on then, and its derivatives
+                mean nothing.
+        """
         segment, p = self.segment(values), self._parameters(values)
         runner, substeps = self._sensitive, self.accuracy.substeps
         cut = self._cut(segment, substeps)
         if self.initial is Initial.REST:
             start, slopes = runner.start(segment, p, self._deviation(values))
-            run = runner.run(segment, cut, p, start, slopes)
+            run = runner.run(segment, cut, p, start, slopes, ceiling=self._ceiling(most))
             return run.reading, run.sensitivities
         # x0 = x(period; x0, p), hence (1 - dx/dx0) dx0/dp = dx/dp; the reading follows x0.
         start, once = self._periodic(p, substeps), self._once
@@ -227,7 +236,14 @@ class Simulator:
         run = runner.run(segment, cut, p, start, unit)
         return run.reading, run.sensitivities[:, :k] + run.sensitivities[:, k:] @ closed
 
-    def _run(self, values: Mapping[str, float], cut: Substeps, *, states: bool = False) -> Run:
+    def _run(
+        self,
+        values: Mapping[str, float],
+        cut: Substeps,
+        *,
+        states: bool = False,
+        most: float | None = None,
+    ) -> Run:
         segment, p = self.segment(values), self._parameters(values)
         if self.initial is Initial.PERIODIC:
             start = self._periodic(p, cut)
@@ -235,7 +251,17 @@ class Simulator:
             start, _ = self._plain.start(segment, p, self._deviation(values))
         nothing = np.zeros((start.size, 0))
         substeps = self._cut(segment, cut)
-        return self._plain.run(segment, substeps, p, start, nothing, states=states)
+        return self._plain.run(
+            segment, substeps, p, start, nothing, states=states, ceiling=self._ceiling(most)
+        )
+
+    def _ceiling(self, most: float | None) -> Ceiling | None:
+        return None if most is None else Ceiling(self._measured, most)
+
+    @cached_property
+    def _measured(self) -> FloatArray:
+        """The record's counted positions, NaN elsewhere."""
+        return np.where(self.record.counted, self.record.position, np.nan)
 
     def segment(self, values: Mapping[str, float]) -> Segment:
         """The time axis: stretches of straight drive, and where the reading is taken."""

@@ -15,12 +15,13 @@ from piezo_opt.effects import HystereticForce, Spring
 from piezo_opt.identification import Ending
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Linearised, Objective
+from piezo_opt.identification.problem import Shape
 from piezo_opt.identification.solvers.base import Solution
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
 from piezo_opt.identification.transcription import SingleShooting
 from piezo_opt.identification.unknowns import Unknown, Unknowns, theta_of
 from piezo_opt.measurement import FloatArray
-from tests.identification.truth import LINE, STILL, loops, objective_of
+from tests.identification.truth import LINE, MOVING, STILL, TRUTH, loops, objective_of, record
 
 TIME, DRIVE = loops(200)
 D, Y0 = "piezo_gain.d", "offset.y0"
@@ -46,7 +47,7 @@ class Valley:
     def residual(self, theta: FloatArray) -> FloatArray:
         return np.array([10.0 * (theta[1] - theta[0] ** 2), 1.0 - theta[0]])
 
-    def linearised(self, theta: FloatArray) -> Linearised:
+    def linearised(self, theta: FloatArray, most: float = np.inf) -> Linearised:
         return Linearised(self.residual(theta), np.array([[-20.0 * theta[0], 10.0], [-1.0, 0.0]]))
 
     def robust(self, point: Linearised) -> Linearised:
@@ -125,7 +126,7 @@ class Leaning(Valley):
     def residual(self, theta: FloatArray) -> FloatArray:
         return self.jacobian @ (theta - np.array(self.aim)) + np.array([0.1, 0.0, -0.1, 0.05])
 
-    def linearised(self, theta: FloatArray) -> Linearised:
+    def linearised(self, theta: FloatArray, most: float = np.inf) -> Linearised:
         self.monitor.with_sensitivities += 1
         return Linearised(self.residual(theta), self.jacobian)
 
@@ -300,7 +301,7 @@ class Stiff(Valley):
         omega, force = theta
         return np.array([1e3 * (force / omega**2 - 1.0), np.log(omega / 4.0)])
 
-    def linearised(self, theta: FloatArray) -> Linearised:
+    def linearised(self, theta: FloatArray, most: float = np.inf) -> Linearised:
         omega, force = theta
         rows = [[-2e3 * force / omega**3, 1e3 / omega**2], [1.0 / omega, 0.0]]
         return Linearised(self.residual(theta), np.array(rows))
@@ -345,7 +346,7 @@ def test_every_point_is_simulated_once_and_with_its_sensitivities() -> None:
     seen: list[tuple[float, ...]] = []
     costs: list[float] = []
 
-    def told(at: np.ndarray) -> Linearised:
+    def told(at: np.ndarray, **_: float) -> Linearised:
         found = Valley().linearised(at)
         seen.append(tuple(at))
         costs.append(valley.cost(found.residual))
@@ -415,3 +416,51 @@ class Jump:
 
     def minimise(self, objective: Objective, start: FloatArray) -> Solution:
         return Solution(self._to, Ending.CONVERGED, "", point=objective.linearised(self._to))
+
+
+@pytest.mark.parametrize("weights", [(), (1.0, 4.0)])
+def test_a_cost_above_the_ceiling_is_not_simulated_to_its_end(weights: tuple[float, ...]) -> None:
+    records = [line(white(k, 1e-8)).rename(f"{k}") for k in range(max(1, len(weights)))]
+    for loss in (po.Loss(), po.Loss(Shape.HUBER, 1e-9)):
+        question = po.Identification(LINE, records, weights=weights, loss=loss)
+        objective, theta = objective_of(question, {D: 2e-7})
+        whole = objective.linearised(theta)
+        cost = objective.cost(whole.residual)
+        robust = loss.shape is not Shape.SQUARE
+        for share, known in ((0.5, robust), (0.999, robust), (1.001, True)):
+            ahead = objective.linearised(theta, most=share * cost)
+            assert (objective.cost(ahead.residual) == cost) == known
+            assert (objective.cost(objective.residual(theta, share * cost)) == cost) == known
+            if known:
+                np.testing.assert_array_equal(ahead.jacobian, whole.jacobian)
+            else:
+                assert objective.cost(ahead.residual) == np.inf
+
+
+def test_what_is_given_up_changes_no_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A refused point need not be known to its end: the path is the same to the last digit."""
+    truth = {**TRUTH, "second_order.omega": 300.0, "second_order.zeta": 0.02}
+    measured = record(MOVING, truth, TIME, DRIVE, noise=2e-9)
+    far = {**truth, "bouc_wen.beta": 1.0}
+    given_up: list[bool] = []
+
+    def walked() -> tuple[FloatArray, FloatArray]:
+        objective, theta = objective_of(po.Identification(MOVING, measured), far)
+        solution = LevenbergMarquardt(iterations=40).minimise(objective, theta)
+        trace = objective.monitor.trace
+        return solution.theta, trace.values
+
+    known = Objective.linearised
+
+    def watched(self: Objective, theta: FloatArray, most: float = np.inf) -> Linearised:
+        found = known(self, theta, most)
+        given_up.append(bool(np.isnan(found.residual).any()))
+        return found
+
+    monkeypatch.setattr(Objective, "linearised", watched)
+    short = walked()
+    monkeypatch.setattr(Objective, "linearised", lambda self, theta, **_: known(self, theta))
+    long = walked()
+    np.testing.assert_array_equal(short[0], long[0])
+    np.testing.assert_array_equal(short[1], long[1])
+    assert sum(given_up) >= 3

@@ -14,6 +14,7 @@ from piezo_opt.effects import (
     Creep,
     DeadZone,
     Friction,
+    HystereticForce,
     PiezoGain,
     Saturation,
     SecondMode,
@@ -21,7 +22,13 @@ from piezo_opt.effects import (
 )
 from piezo_opt.effects.base import Parameter
 from piezo_opt.effects.catalogue import CATALOGUE
-from piezo_opt.identification.shapes import detail_start, own, resonances, shape_grid
+from piezo_opt.identification.shapes import (
+    detail_start,
+    own,
+    resolving,
+    resonances,
+    shape_grid,
+)
 from piezo_opt.identification.unknowns import limits
 from tests.identification.truth import MOVING, TRUTH, loops, record
 
@@ -60,6 +67,23 @@ def test_of_a_coarse_shape_every_second_value_is_tried() -> None:
     assert taus < every
     assert min(every) < 0.5 * RECORD.step < min(taus)
     assert len(rates) == 6
+
+
+@pytest.mark.parametrize(
+    ("effect", "shapes", "longest", "farthest"),
+    [
+        (DeadZone(), {"width": 3.0}, np.inf, np.inf),
+        (AmplifierLag(), {"tau": 0.3}, 0.25, np.inf),
+        (SecondMode(), {"omega": 100.0, "zeta": 0.1}, 2.0**-7, np.inf),
+        (Friction(), {"z0": 3e-8}, np.inf, 6e-8),
+        (HystereticForce(), {"beta": 1e7}, np.inf, 2e-7),
+    ],
+)
+def test_sub_steps_follow_what_is_fast(
+    effect: po.Effect, shapes: dict[str, float], longest: float, farthest: float
+) -> None:
+    """A time constant a sub-step, of few lengths; two displacements of a contact."""
+    assert resolving(effect, shapes) == pytest.approx((longest, farthest))
 
 
 def test_velocities_lie_below_the_usual_one() -> None:

@@ -111,6 +111,22 @@ def test_substeps_obey_both_limits_and_never_vanish() -> None:
         np.testing.assert_array_equal(replace(limits, times=3).of(segment), 3 * cut)
 
 
+def test_the_motion_goes_no_farther_than_asked_within_a_sub_step() -> None:
+    values = Values.nominal(BASE)
+    given = record(1, Between.HELD)
+    limits = Substeps(1.0, 1e9, farthest=5e-8)
+    segment = Simulator(BASE, given, values, substeps=limits).segment(values)
+    cut = limits.of(segment)
+    assert (segment.travel / cut <= limits.farthest * (1 + 1e-5)).all()
+    assert (segment.travel / np.maximum(cut - 1, 1) > limits.farthest)[cut > 1].all()
+    assert cut.max() > 4 * cut.min() == 4
+    # As far as the fastest of each stretch and its neighbours.
+    moves = np.abs(np.diff(given.position))
+    around = np.stack([np.append(moves[1:], 0.0), moves, np.append(0.0, moves[:-1])]).max(axis=0)
+    assert segment.travel.sum() == pytest.approx(around.sum())
+    assert (replace(limits, farthest=np.inf).of(segment) == 1).all()
+
+
 def test_rounding_of_time_stamps_adds_no_substep() -> None:
     time = np.asarray(np.arange(200) * 0.1 + 12345.6, dtype=np.float64)
     drive = np.sin(time)

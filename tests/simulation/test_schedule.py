@@ -119,6 +119,30 @@ def test_the_segments_of_a_held_drive_cut_flats_coarsely_and_steps_finely() -> N
     assert cut[steps].min() >= 4
 
 
+@pytest.mark.parametrize("delay", [None, 0.7e-3])
+def test_travel_is_that_of_the_measured_motion_whatever_the_delay(delay: float | None) -> None:
+    """A delayed chain is cut elsewhere, but what a sensor shows it shows at that time."""
+    time = np.arange(60) * STEP
+    at_once = np.where(np.arange(60) < 30, 0.0, 1e-6)
+    shown = record(time, np.linspace(0.0, 60.0, 60))
+    shown = shown.with_(position=at_once, allow_saturated=True)
+    segment = segments(corners(shown, ()), time, delay)
+    middle = segment.time + 0.5 * segment.length
+    moving = segment.travel > 0.0
+    assert (np.abs(middle[moving] - 29.5 * STEP) < 1.5 * STEP).all()
+    assert segment.travel.sum() == pytest.approx(3e-6)
+
+
+def test_travel_goes_on_before_a_periodic_record() -> None:
+    once = repeated(2, Between.LINEAR)
+    assert once.period is not None
+    drive = corners(once, ())
+    assert drive.closed is not None
+    led = led_in(drive, 2)
+    assert (np.diff(led.way) >= 0.0).all()
+    assert np.ptp(led.way[led.channel_time <= 0.0]) == pytest.approx(2.0 * drive.closed.way[-1])
+
+
 def test_gaps_and_uneven_time_are_straight_lines_like_any_other() -> None:
     values = Values.nominal(MECHANICS)
     dense_time = np.arange(200) * STEP

@@ -174,6 +174,40 @@ def test_an_operation_that_c_does_not_have_is_left_to_casadi() -> None:
     np.testing.assert_allclose(reading, expected, rtol=1e-12)
 
 
+@needs_compiler
+@pytest.mark.parametrize("sensitive", [False, True])
+def test_a_run_ends_where_it_has_missed_the_record_by_more_than_asked(sensitive: bool) -> None:
+    values = Values.nominal(BASE)
+    whole = Simulator(BASE, RECORD, values, directions=("piezo_gain.d",)).reading(values)
+    off = np.full(TIME.size, 1e-9)
+    off[50:] = 3e-9
+    missed = RECORD.with_(position=whole - off, period=None, startup=TIME[10])
+    run = Simulator(BASE, missed, values, directions=("piezo_gain.d",))
+    first = int(missed.counted.argmax())
+    assert 5 < first < 15
+
+    def reading(most: float | None) -> FloatArray:
+        return run.with_sensitivities(values, most)[0] if sensitive else run.reading(values, most)
+
+    free = reading(None)
+    np.testing.assert_allclose(free, whole, rtol=0, atol=1e-4 * np.ptp(whole))
+    squares = np.cumsum(np.where(missed.counted, (free - missed.position) ** 2, 0.0))
+    for most in (0.0, 0.5 * squares[49], 1.0001 * squares[49], 0.9 * squares[-1]):
+        ended = int(np.argmax(squares > most))
+        given_up = reading(float(most))
+        np.testing.assert_array_equal(given_up[: ended + 1], free[: ended + 1])
+        assert np.isnan(given_up[ended + 1 :]).all()
+    np.testing.assert_array_equal(reading(1.0001 * squares[-1]), free)
+
+
+@needs_compiler
+def test_a_run_that_diverges_ends_at_once_under_any_ceiling() -> None:
+    values = Values.nominal(BASE)
+    run = Simulator(BASE, RECORD, values)
+    nowhere = values.with_({"piezo_gain.d": 1e307})
+    assert np.isnan(run.reading(nowhere, 1e300)[5:]).all()
+
+
 def test_an_engine_refuses_arrays_of_the_wrong_size_instead_of_reading_beyond_them() -> None:
     values = Values.nominal(BASE)
     run = Simulator(BASE, RECORD, values, substeps=Substeps(1e-4, 1e9))

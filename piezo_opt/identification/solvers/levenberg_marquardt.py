@@ -32,6 +32,8 @@ _LIGHT = 1e-3
 _OPENING, _STALL = 5, 0.36
 """From so many iterations on a search that is too far off ends where one more lowers the cost by
 less than this share (a fifth of the rms)."""
+_SAME = 10.0
+"""Change of the cost, in tolerances, up to which a refused step has changed nothing."""
 _STILL = "no step lowers the cost further"
 _DONE = "the cost would fall no further"
 
@@ -119,14 +121,15 @@ class LevenbergMarquardt:
                 if damping <= _LIGHT and 0.0 <= predicted <= self.tolerance * cost:
                     return Solution(theta, Ending.CONVERGED, _DONE, point=point)
                 # Two steps of three are taken, and sensitivities that are carried along cost a
-                # third: one that is refused loses less by them than one that is taken saves.
-                ahead = objective.linearised(trial)
+                # third: one that is refused loses less by them than one that is taken saves. It is
+                # given up where its cost is above what even a search that has ended would bear.
+                ahead = objective.linearised(trial, most=(1.0 + _SAME * self.tolerance) * cost)
                 trial_cost = objective.cost(ahead.residual)
                 gain = (cost - trial_cost) / predicted if predicted > 0 else -1.0
                 if gain > 1e-4:
                     break
                 if predicted <= self.tolerance * cost and abs(trial_cost - cost) <= (
-                    10.0 * self.tolerance * cost
+                    _SAME * self.tolerance * cost
                 ):
                     return Solution(theta, Ending.CONVERGED, _STILL, point=point)
                 damping, growth = damping * growth, 3.0 * growth
