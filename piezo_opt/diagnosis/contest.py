@@ -110,7 +110,7 @@ def contest(
         )
         # Whoever can do exactly what another one does begins there as well, however far behind.
         behind = [r for r in named if r not in contenders]
-        pairs = [(r, other) for r in [*fitted, *behind] for other in fitted if other is not r]
+        pairs = [(r, o) for r in [*fitted, *behind] for o in fitted if o.fit.rms < r.fit.rms]
         fitted += [r for r in pool.map(begun_there, pairs) if r is not None]
     return judged(fit, [*rungs, *fitted])
 
@@ -199,7 +199,8 @@ def _shaped(fit: Fit, best: Rung, suspect: Suspect, threads: int, near: bool = T
         trial for trial in shape_refinements(best.fit)
         if all(name.startswith(f"{suspect.name}.") for name in trial.refines)
     ]  # fmt: skip
-    best = _best(fit, best, details, suspect, threads)
+    # Begun at what they are to improve: whoever has lost that and hardly falls will not.
+    best = _best(fit, best, details, suspect, threads, _SECOND * best.fit.rms)
     if explained(best.fit) or not near:
         return best
     # A form that is exact in its details and the base model's may be behind without them.

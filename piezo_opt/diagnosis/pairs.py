@@ -102,11 +102,10 @@ def pair(
     asked = _promising(held.question, likely, threads)
     rungs = [r for r in race(end, asked, threads, most=_FOLLOWED) if plausible(r)]
     closest = sorted(rungs, key=_rms)[:_FINISHED]
-    finished: list[Rung] = []
-    for rung in closest:
-        finished.append(_finished(foot, end, rung, threads))
-        if nothing_to_win(finished[-1].fit):
-            break
+    finished = [_finished(foot, end, rung, threads) for rung in closest[:1]]
+    if finished and not nothing_to_win(finished[0].fit):
+        with ThreadPoolExecutor(max_workers=threads) as pool:
+            finished += pool.map(lambda r: _finished(foot, end, r, threads), closest[1:])
     # One of so many was looked for.
     price = STRONG + 2.0 * float(np.log(max(1, len(likely) * (len(likely) - 1) // 2)))
     believed = [
@@ -139,7 +138,7 @@ def _alone(
     with ThreadPoolExecutor(max_workers=threads) as pool:
         trials = [one for one in pool.map(begun, asked) if one is not None]
     of = {id(trial): (effect, ground) for effect, ground, trial in trials}
-    rungs = race(foot, [trial for _, _, trial in trials], threads)
+    rungs = race(foot, [trial for _, _, trial in trials], threads, most=len(trials), podium=_MOST)
     return [_Alone(*of[id(rung.trial)], rung.trial, rung.fit) for rung in rungs]
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 
 from piezo_opt.diagnosis.contest import forgetful
 from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, rms
@@ -48,10 +50,11 @@ def prune(
     while kept:
         judged = not (_shapes(kept[-1], kept, fit) or joined or last or dropped)
         asked = [n for n in names if n in fit.model and not (judged and n == kept[-1].name)]
+        with ThreadPoolExecutor(max_workers=threads) as pool:
+            tried = list(pool.map(partial(_without, fit, held, threads), asked))
         spare = {
-            name: least for name in asked
-            if (least := _without(fit, name, held, threads)) is not None
-            and _spare(least, fit, held)
+            name: least for name, least in zip(asked, tried, strict=True)
+            if least is not None and _spare(least, fit, held)
         }  # fmt: skip
         if not spare:
             break
@@ -75,15 +78,21 @@ def _shapes(step: Step, steps: Sequence[Step], fit: Fit) -> list[str]:
     return [n for n in step.group[1:] if n in fit.model and n not in named]
 
 
-def _without(fit: Fit, name: str, held: HeldOut, threads: int) -> Fit | None:
+def _without(fit: Fit, held: HeldOut, threads: int, name: str) -> Fit | None:
     """The best that the model can do without one effect; None where it can do nothing."""
     model = fit.model.without(name)
     fresh = forgetful(fit, held.question).with_model(model)
     later = [n for n, effect in model if not effect.structural]
     trials = [Trial(fit.question.with_model(model), fit.values)]
-    for begin in (starting_values, *(_jointly(n) for n in later)):
+
+    def begun(begin: Callable[[Identification, Monitor], Values]) -> Trial | None:
         with suppress(*NO_FIT):
-            trials.append(Trial(fresh, begin(fresh, Monitor(()))))
+            return Trial(fresh, begin(fresh, Monitor(())))
+        return None
+
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        begins = (starting_values, *(_jointly(n) for n in later))
+        trials += [trial for trial in pool.map(begun, begins) if trial is not None]
     freed = set(fit.question.free) - set(held.question.free)
     if any(fit.model[k.split(".")[0]].structural for k in freed):
         # What the fit has been given, the fits without a name have as well.

@@ -18,6 +18,7 @@ from piezo_opt.identification import (
     LevenbergMarquardt,
     SingleShooting,
     solve,
+    too_coarse,
 )
 from piezo_opt.simulation import INITIAL
 
@@ -114,6 +115,8 @@ def solved(
     start: Mapping[str, float],
     iterations: int = 40,
     beyond: float = float("inf"),
+    *,
+    mend: bool = True,
 ) -> Fit:
     """A fit good enough to compare models by; an interrupt ends the ladder, not only this fit.
 
@@ -122,9 +125,10 @@ def solved(
         start: values to begin at.
         iterations: most steps taken.
         beyond: rms [m] at which a search that has slowed down is given up.
+        mend: whether sub-steps that have become far too coarse are chosen anew.
     """
     solver = LevenbergMarquardt(iterations=iterations, tolerance=_CLOSE, beyond=beyond)
-    coarse = SingleShooting(refine=False)
+    coarse = SingleShooting(refine=False, mend=mend)
     return _heeding(
         solve(question, start=start, solver=solver, transcription=coarse, statistics=False)
     )
@@ -155,6 +159,7 @@ def race(
     threads: int,
     *,
     most: int | None = None,
+    podium: int = _PODIUM,
     rivals: Sequence[Rung] = (),
     standing: Fit | None = None,
 ) -> list[Rung]:
@@ -166,6 +171,7 @@ def race(
         threads: refits that run at a time.
         most: refits that are followed at most; without it all that are near, and more detail of
             what the model has unless it is behind.
+        podium: refits that are followed however far behind the best.
         rivals: refits of the same fit that have been followed before; not returned again.
         standing: what stands where they would, and they are to reach, where there is such a fit.
     """
@@ -173,12 +179,16 @@ def race(
 
     def one(trial: Trial) -> Rung | None:
         try:
-            richer = solved(trial.question, trial.start, _FIRST, outside)
+            richer = solved(trial.question, trial.start, _FIRST, outside, mend=False)
+            if not np.isfinite(richer.rms):
+                richer = solved(trial.question, trial.start, _FIRST, outside)
         except NO_FIT:
             return None
         return Rung(trial, richer, bic_gain(fit, richer))
 
     def further(rung: Rung) -> Rung:
+        if rung.fit.outcome.success and not too_coarse(rung.fit):
+            return rung
         try:
             richer = solved(rung.fit.question, rung.fit.values, _LATER)
         except NO_FIT:
@@ -191,19 +201,22 @@ def race(
             return []
         ranked = sorted(r.fit.rms for r in rungs)
         near = min(_RACE * ranked[0], ranked[:most][-1])
-        third = ranked[:_PODIUM][-1]
+        last = ranked[:podium][-1]
         known = [r.fit.rms for r in rivals] + ([] if standing is None else [standing.rms])
         hopeless = _HOPELESS * min(known, default=float("inf"))
         # More detail of what the model has comes before another name: it is followed unless it
         # has lost what it began with.
         detail = _BEHIND * fit.rms if most is None else 0.0
         worth = [
-            r.fit.rms <= min(max(near, third), hopeless)
+            r.fit.rms <= min(max(near, last), hopeless)
             or (r.suspect is None and r.fit.rms <= detail)
             for r in rungs
         ]
-        running = [r for r, w in zip(rungs, worth, strict=True) if w and not r.fit.outcome.success]
-        return [*(r for r in rungs if r not in running), *pool.map(further, running)]
+        behind = [r for r, w in zip(rungs, worth, strict=True) if not w]
+        running = [r for r, w in zip(rungs, worth, strict=True) if w]
+        # The slowest first: begun last, one of them would keep all others waiting.
+        running.sort(key=lambda r: -r.fit.wall_s)
+        return [*behind, *pool.map(further, running)]
 
 
 def judged(before: Fit, rungs: Sequence[Rung]) -> list[Rung]:

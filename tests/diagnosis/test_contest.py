@@ -664,7 +664,7 @@ def test_a_contender_has_a_second_start_where_its_shapes_may_be_elsewhere(
 ) -> None:
     """Of two presliding distances the wrong one may be ahead beside a loop that is not round."""
     time = clock(2000)
-    law = {"F": 0.05, "z0": 4e-7}
+    law = {"F": 0.05, "z0": 1e-7}
     fit = fitted(MOVING, measured(MOVING, time, rich(time), (Friction(), law)))
     (suspect,), _ = score(BasePoint(fit), [Friction()])
     trial = adding(fit, suspect)
@@ -680,5 +680,5 @@ def test_a_contender_has_a_second_start_where_its_shapes_may_be_elsewhere(
     monkeypatch.setattr(module, "joint_starts", lambda *_: (wrong, right))
     monkeypatch.setattr(module, "_founded", lambda _, rung, __: rung)
     best = module._chance(fit, stuck, fit.question, 1)
-    assert best.fit.values["friction.z0"] == pytest.approx(4e-7, rel=0.05)
+    assert best.fit.values["friction.z0"] == pytest.approx(1e-7, rel=0.05)
     assert best.fit.rms == pytest.approx(NOISE, rel=0.05)

@@ -92,18 +92,20 @@ def test_forces_and_gain_are_found_together_with_the_mechanics_they_need(
 
 def test_few_pairs_are_followed_to_their_end(monkeypatch: pytest.MonkeyPatch) -> None:
     foot, held = below_resonance()
-    asked: list[int | None] = []
+    asked: list[tuple[int, int]] = []
 
-    def race(*given: Any, most: int | None = None) -> list[Rung]:
-        asked.append(most)
-        return tried(*given, most=most) if most is None else []
+    def race(*given: Any, most: int, podium: int = 3) -> list[Rung]:
+        asked.append((most, podium))
+        return tried(*given, most=most, podium=podium) if podium > 3 else []
 
     tried = pairs.race
     monkeypatch.setattr(pairs, "race", race)
     few = [e for e in OFFERED if e.name in FEW]
     assert pair(foot, foot, held, few, threads=2) is None
-    # Everybody alone, and then those that are paired.
-    assert asked == [None, 12]
+    # Everybody alone, of whom the likeliest are paired; and then the pairs.
+    assert [podium for _, podium in asked] == [14, 3]
+    assert asked[0][0] >= len(few)
+    assert asked[1][0] == 12
 
 
 @pytest.mark.parametrize(("left", "finished"), [(1.3, 3), (1.0, 1)])

@@ -117,7 +117,7 @@ def test_of_two_that_can_do_without_each_other_whoever_explains_less_goes() -> N
     """
     two, steps, held = bent(1e-11)
     for name in ("nonlinear_gain", "sensor_curvature"):
-        least = module._without(two, name, held, 2)
+        least = module._without(two, held, 2, name)
         assert least is not None
         assert module._spare(least, two, held)
     for found in (steps, steps[::-1]):

@@ -19,7 +19,8 @@ BELOW: Any = SimpleNamespace(rms=2.0)
 
 def ending(error: float, *, converged: bool = False) -> Any:
     """A fit as the race reads it; its question is itself, to be told apart."""
-    found = SimpleNamespace(rms=error, outcome=SimpleNamespace(success=converged), values={})
+    outcome = SimpleNamespace(success=converged)
+    found = SimpleNamespace(rms=error, outcome=outcome, values={}, wall_s=0.0)
     found.question = found
     return found
 
@@ -34,7 +35,7 @@ def followed(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Fits are their questions; the errors of those that are followed are listed."""
     seen: list[float] = []
 
-    def solved(question: Any, _: Mapping[str, float], iterations: int, *__: float) -> Any:
+    def solved(question: Any, _: Mapping[str, float], iterations: int, *__: Any, **___: Any) -> Any:
         if iterations == rung._LATER:
             seen.append(question.rms)
             if question.rms == 1.25:
@@ -43,6 +44,7 @@ def followed(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
     monkeypatch.setattr(rung, "solved", solved)
     monkeypatch.setattr(rung, "bic_gain", lambda *_: 0.0)
+    monkeypatch.setattr(rung, "too_coarse", lambda fit: fit.rms == 1.3)
     return seen
 
 
@@ -68,7 +70,9 @@ def test_who_is_to_reach_what_stands_is_given_up_far_from_it(
     """At twice the error where a search slows down; four times the error is not followed."""
     asked: list[tuple[int, float]] = []
 
-    def solved(question: Any, _: Any, iterations: int, beyond: float = float("inf")) -> Any:
+    def solved(
+        question: Any, _: Any, iterations: int, beyond: float = float("inf"), **__: bool
+    ) -> Any:
         asked.append((iterations, beyond))
         return question
 
@@ -109,6 +113,47 @@ def test_a_fit_that_cannot_be_had_finely_is_kept(monkeypatch: pytest.MonkeyPatch
 def test_who_has_converged_is_not_followed(followed: list[float]) -> None:
     race(BELOW, [entering(1.0, converged=True), entering(1.1)], 1)
     assert followed == [1.1]
+
+
+def test_who_has_converged_on_sub_steps_that_are_too_coarse_is_followed_from_there(
+    followed: list[float],
+) -> None:
+    race(BELOW, [entering(1.0), entering(1.3, converged=True)], 1)
+    assert followed == [1.0, 1.3]
+
+
+def test_sub_steps_are_mended_only_for_those_that_are_followed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Or where nothing else gives an error at all."""
+    asked: list[tuple[float, int, bool]] = []
+
+    def solved(question: Any, _: Any, iterations: int, *__: float, mend: bool = True) -> Any:
+        asked.append((question.rms, iterations, mend))
+        return ending(1.4) if mend and question.rms != question.rms else question
+
+    monkeypatch.setattr(rung, "solved", solved)
+    monkeypatch.setattr(rung, "bic_gain", lambda *_: 0.0)
+    rungs = race(BELOW, [entering(e) for e in (1.0, 1.1, 1.2, 9.0, float("nan"))], 1)
+    first, later = rung._FIRST, rung._LATER
+    assert asked[:4] == [(e, first, False) for e in (1.0, 1.1, 1.2, 9.0)]
+    assert [one[1:] for one in asked[4:6]] == [(first, False), (first, True)]
+    assert asked[6:] == [(e, later, True) for e in (1.0, 1.1, 1.2, 1.4)]
+    assert sorted(r.fit.rms for r in rungs) == [1.0, 1.1, 1.2, 1.4, 9.0]
+
+
+def test_the_slowest_is_followed_first(followed: list[float]) -> None:
+    trials = [entering(e) for e in (1.0, 1.1, 1.2)]
+    for trial, seconds in zip(trials, (0.1, 0.3, 0.2), strict=True):
+        trial.question.wall_s = seconds  # type: ignore[misc]
+    race(BELOW, trials, 1)
+    assert followed == [1.1, 1.2, 1.0]
+
+
+def test_a_podium_is_followed_however_far_behind(followed: list[float]) -> None:
+    trials = [entering(e, None) for e in (1.0, 1.1, 3.0, 3.1, 3.2, 1.9)]
+    race(BELOW, trials, 1, most=6, podium=4)
+    assert sorted(followed) == [1.0, 1.1, 1.9, 3.0]
 
 
 def test_more_detail_is_followed_unless_it_has_lost_what_it_began_with(
@@ -221,4 +266,25 @@ def test_who_is_behind_has_no_second_start_and_no_other_forms(
     for is_near, forms in ((True, [(["another form"], (2.0,))]), (False, [])):
         tried.clear()
         contest._shaped(BELOW, rungs[0], law, 1, is_near)
-        assert tried == [([], ()), *forms]
+        # So are details, which begin at what they are to improve, at a quarter more.
+        assert tried == [([], (1.25,)), *forms]
+
+
+def test_who_is_ahead_does_not_begin_at_what_another_one_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun: list[tuple[str, str]] = []
+
+    def after(_: Any, found: Rung, other: Rung, __: int) -> None:
+        assert found.suspect is not None
+        assert other.suspect is not None
+        begun.append((found.suspect.name, other.suspect.name))
+
+    monkeypatch.setattr(contest, "_chance", lambda _, found, *__: found)
+    monkeypatch.setattr(contest, "_explained", lambda _: False)
+    monkeypatch.setattr(contest, "settled", lambda _: False)
+    monkeypatch.setattr(contest, "_after", after)
+    monkeypatch.setattr(contest, "judged", lambda _, rungs: list(rungs))
+    rungs = [named("best", 1.0), named("near", 1.2), named("far", 3.0)]
+    contest.contest(named("nothing", 4.0).fit, rungs, BELOW)
+    assert sorted(begun) == [("far", "best"), ("far", "near"), ("near", "best")]
