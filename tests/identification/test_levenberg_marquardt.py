@@ -12,7 +12,7 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.effects import HystereticForce, Spring
-from piezo_opt.identification import Ending
+from piezo_opt.identification import Ending, too_coarse
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Linearised, Objective
 from piezo_opt.identification.problem import Shape
@@ -404,6 +404,14 @@ def test_sub_steps_that_err_by_what_is_left_are_chosen_anew_even_for_a_compariso
     )
     assert solution.point is not None
     assert objective.rms(solution.point.residual) == pytest.approx(after)
+    # Unless that is left for later, for those that are worth it; which can be told of the fit.
+    for mend, left in ((False, before), (True, after)):
+        fit = po.solve(
+            question, start=calm, solver=Jump(there), statistics=False,
+            transcription=SingleShooting(refine=False, mend=mend),
+        )  # fmt: skip
+        assert fit.rms == pytest.approx(left)
+        assert too_coarse(fit) is not mend
 
 
 class Jump:

@@ -35,7 +35,7 @@ from piezo_opt.errors import ModelError
 from piezo_opt.measurement import Between, Measurement
 from piezo_opt.simulation import Initial, Simulator, Substeps, simulate
 from piezo_opt.simulation.compiler import find_compiler
-from piezo_opt.simulation.engine import engine
+from piezo_opt.simulation.engine import Ceiling, engine
 from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
@@ -204,8 +204,20 @@ def test_a_run_ends_where_it_has_missed_the_record_by_more_than_asked(sensitive:
 def test_a_run_that_diverges_ends_at_once_under_any_ceiling() -> None:
     values = Values.nominal(BASE)
     run = Simulator(BASE, RECORD, values)
-    nowhere = values.with_({"piezo_gain.d": 1e307})
-    assert np.isnan(run.reading(nowhere, 1e300)[5:]).all()
+    for gain in (1e307, np.nan):
+        seen = run.with_sensitivities({**values, "piezo_gain.d": gain}, 1e300)[0]
+        assert np.isnan(seen[5:]).all()
+    free = run.system.state_names.index("second_order.x")
+    made = engine(run.system, ())
+    segment = run.segment(values)
+    start = np.zeros(len(run.system.state_names))
+    start[free] = np.nan
+    # Nothing is done once it is known: the state at the end is the one from which it began.
+    p = np.array([values[n] for n in run.system.parameter_names])
+    nothing = Ceiling(np.zeros(TIME.size), 1e300)
+    cut = run.accuracy.substeps.of(segment)
+    ended = made.run(segment, cut, p, start, np.zeros((start.size, 0)), ceiling=nothing)
+    np.testing.assert_array_equal(ended.last, start)
 
 
 def test_an_engine_refuses_arrays_of_the_wrong_size_instead_of_reading_beyond_them() -> None:
