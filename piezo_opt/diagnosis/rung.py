@@ -43,6 +43,9 @@ up before it is decided."""
 _HOPELESS = 4.0
 """Error over that of a rival from an earlier race, or of what stands, beyond which nobody is
 followed."""
+_REACH = 1.2
+"""The same beyond which one that is followed is given up once it has slowed down: not even in a
+group with what stands."""
 _BEHIND = 1.1
 """Error over that of the fit below up to which more detail stays in the race."""
 
@@ -175,13 +178,13 @@ def race(
         rivals: refits of the same fit that have been followed before; not returned again.
         standing: what stands where they would, and they are to reach, where there is such a fit.
     """
-    outside = float("inf") if standing is None else OUTSIDE * standing.rms
+    there = float("inf") if standing is None else standing.rms
 
     def one(trial: Trial) -> Rung | None:
         try:
-            richer = solved(trial.question, trial.start, _FIRST, outside, mend=False)
+            richer = solved(trial.question, trial.start, _FIRST, OUTSIDE * there, mend=False)
             if not np.isfinite(richer.rms):
-                richer = solved(trial.question, trial.start, _FIRST, outside)
+                richer = solved(trial.question, trial.start, _FIRST, OUTSIDE * there)
         except NO_FIT:
             return None
         return Rung(trial, richer, bic_gain(fit, richer))
@@ -190,7 +193,7 @@ def race(
         if rung.fit.outcome.success and not too_coarse(rung.fit):
             return rung
         try:
-            richer = solved(rung.fit.question, rung.fit.values, _LATER)
+            richer = solved(rung.fit.question, rung.fit.values, _LATER, _REACH * there)
         except NO_FIT:
             return rung
         return replace(rung, fit=richer, delta_bic=bic_gain(fit, richer))
@@ -202,8 +205,7 @@ def race(
         ranked = sorted(r.fit.rms for r in rungs)
         near = min(_RACE * ranked[0], ranked[:most][-1])
         last = ranked[:podium][-1]
-        known = [r.fit.rms for r in rivals] + ([] if standing is None else [standing.rms])
-        hopeless = _HOPELESS * min(known, default=float("inf"))
+        hopeless = _HOPELESS * min([r.fit.rms for r in rivals] + [there])
         # More detail of what the model has comes before another name: it is followed unless it
         # has lost what it began with.
         detail = _BEHIND * fit.rms if most is None else 0.0
