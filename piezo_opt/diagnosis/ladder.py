@@ -315,10 +315,16 @@ def climb(
     at = _Stand(baseline, elsewhere(baseline, held), suspects)
     bottom = at.error
     ended = paired = False
+    settled: _Stand | None = None
     for _ in range(_MOST_ROUNDS):
         lost = not paired and way.lost(at, ended=ended)
         if lost and not ended:
             at = way.detailed(at)
+            lost = way.lost(at)
+        if lost and len(at.steps) > 1:
+            # One of them may stand for another effect, which is asked in far less time than pairs.
+            settled = way.reconsidered(at)
+            at = settled if settled.fit is at.fit else way.scored(settled)
             lost = way.lost(at)
         if lost:
             paired = True
@@ -339,7 +345,7 @@ def climb(
         ended = nothing_to_win(at.fit)
         if not ended:
             at = way.scored(at)
-    if at.steps:
+    if at.steps and (settled is None or settled.fit is not at.fit):
         at = way.reconsidered(at)
     if at.steps and at.touched:
         at = way.pruned(at, last=True)

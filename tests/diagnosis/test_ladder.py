@@ -409,11 +409,22 @@ def test_details_come_before_pairs_and_pairs_are_asked_for_once(
     assert [step.name for step in top.steps] == [step.name for step in ladder.steps]
 
 
-@pytest.mark.parametrize("missed", [True, False])
+@pytest.mark.parametrize(
+    ("missed", "helped", "asked"),
+    [
+        (False, False, ["reconsidered"]),
+        (True, False, ["reconsidered", "together"]),
+        (True, True, ["reconsidered"]),
+    ],
+)
 def test_pairs_are_asked_for_where_two_leave_but_noise_and_miss_the_other_record(
-    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, missed: bool
-) -> None:
-    """Nothing else is: there is nothing to be won where it is fitted."""
+    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch,
+    missed: bool, helped: bool, asked: list[str],
+) -> None:  # fmt: skip
+    """Unless one of the two gives way to another one and both reach it then; each asked once.
+
+    Nothing else is asked: there is nothing to be won where it is fitted.
+    """
     ladder, held = two
     order: list[str] = []
     found: Any = (SimpleNamespace(suspect=True), None, ())
@@ -425,10 +436,10 @@ def test_pairs_are_asked_for_where_two_leave_but_noise_and_miss_the_other_record
 
     def reconsidered(_: Any, at: Any) -> Any:
         order.append("reconsidered")
-        return at
+        return replace(at, fit=ladder.baseline) if helped else at
 
-    def astray(*_: Any, several: bool) -> bool:
-        return missed and several
+    def astray(fit: po.Fit, *_: Any, several: bool) -> bool:
+        return missed and several and fit is ladder.final
 
     monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
     monkeypatch.setattr(module, "astray", astray)
@@ -440,7 +451,7 @@ def test_pairs_are_asked_for_where_two_leave_but_noise_and_miss_the_other_record
     monkeypatch.setattr(module._Climb, "grouped", lambda _, at: at)
     monkeypatch.setattr(module._Climb, "reconsidered", reconsidered)
     climb(ladder.baseline, held, [])
-    assert order == ["together", "reconsidered"][not missed :]
+    assert order == asked
 
 
 @pytest.fixture
