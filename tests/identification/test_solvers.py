@@ -100,7 +100,7 @@ def test_bounds_are_kept_and_touched(solver: ResidualSolver) -> None:
     objective = Objective(question, listed, theta, Monitor(listed.names))
     residual, linearised = objective.residual, objective.linearised
     objective.residual = lambda at: (seen.append(float(at[place])), residual(at))[1]  # type: ignore[method-assign]
-    objective.linearised = lambda at: (seen.append(float(at[place])), linearised(at))[1]  # type: ignore[method-assign]
+    objective.linearised = lambda at, **_: (seen.append(float(at[place])), linearised(at))[1]  # type: ignore[method-assign]
     solution = solver.minimise(objective, theta)
     assert min(seen) >= low
     # The free optimum lies below the bound, so the bounded one is on it.
@@ -206,7 +206,7 @@ def test_an_interrupt_goes_through_and_the_best_is_kept(solver: ResidualSolver) 
     calls = [0]
 
     def interrupted(of: Callable[[np.ndarray], Any]) -> Callable[[np.ndarray], Any]:
-        def counted(at: np.ndarray) -> Any:
+        def counted(at: np.ndarray, **_: float) -> Any:
             calls[0] += 1
             if calls[0] == 12:
                 raise KeyboardInterrupt
