@@ -162,11 +162,11 @@ def _seen(
     short = shortlist(likely, suspects)
     asked = {step.name, *also}
     more = [s for s in suspects if s.name in asked and s not in short]
-    trials = [adding(poorer, s) for s in (*short, *more)]
     # Without the step the others have moved to make up for it: a rival begins beside them as they
-    # were, too.
+    # were. Begun beside them as they are, the best of twenty exchanges was never better.
     standing = {k: v for k, v in fit.values.items() if k in poorer.values}
-    trials += [replace(trial, start={**trial.start, **standing}) for trial in trials]
+    begun = [adding(poorer, s) for s in (*short, *more)]
+    trials = [replace(trial, start={**trial.start, **standing}) for trial in begun]
     rungs = race(poorer, trials, threads, standing=fit)
     ranked = judged(poorer, [r for r in rungs if plausible(r)])
     seen = _Seen(poorer, suspects, ranked)

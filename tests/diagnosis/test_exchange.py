@@ -191,14 +191,18 @@ def test_a_rival_begins_beside_the_others_as_they_were(
     monkeypatch.setattr(module, "race", race)
     monkeypatch.setattr(module, "judged", lambda *_: [])
     exchange(foot, fit, steps, held, OFFERED, threads=2)
-    half = len(tried) // 2
-    assert half > 0
+    assert tried
     others = [k for k in fit.names if not k.startswith(("creep", "initial"))]
     assert "sensor_curvature.a" in others
-    for bent, standing in zip(tried[:half], tried[half:], strict=True):
-        assert bent.suspect is standing.suspect
-        assert {k: standing.start[k] for k in others} == {k: fit.values[k] for k in others}
-        assert any(bent.start[k] != fit.values[k] for k in others)
+    for trial in tried:
+        assert trial.suspect is not None
+        assert {k: trial.start[k] for k in others} == {k: fit.values[k] for k in others}
+        # Beside them as they are without the step it was scored, and has its size from there.
+        scored = trial.suspect.base.values
+        assert any(scored[k] != fit.values[k] for k in others)
+        effect = trial.suspect.effect
+        size = float(np.clip(trial.suspect.size, *effect.parameters[effect.gate or ""].bounds))
+        assert trial.start[f"{trial.question.model.names[-1]}.{effect.gate}"] == size
 
 
 @pytest.mark.parametrize("also", [(), ("nonlinear_gain",)])
