@@ -18,7 +18,7 @@ from piezo_opt.effects import (
 )
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.shapes import resolving
-from piezo_opt.identification.starting import _Search, starting_values, straight_line
+from piezo_opt.identification.starting import _Search, joint_starts, starting_values, straight_line
 from piezo_opt.measurement import FloatArray
 from tests.identification.truth import LINE, MOVING, STILL, TRUTH, loops, objective_of, record
 
@@ -260,6 +260,25 @@ def test_a_stiff_contact_is_tried_on_sub_steps_of_its_own_and_no_other_is() -> N
     assert search._ready(soft)[0].simulators[0].substeps(soft) == coarse
     assert again == pytest.approx(cost, rel=0.2)
     assert abs(found["friction.F"]) < 1e8
+
+
+def test_the_softest_contact_chooses_the_sub_steps_of_a_joint_search(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where a record begins in motion the stiffest one would choose far too many for all."""
+    measured, _ = ringing(140.0)
+    ways: list[float] = []
+    tried = _Search.trial
+
+    def watched(self: _Search, *given: Any, **more: Any) -> Any:
+        ways.append(more.get("farthest", np.inf))
+        return tried(self, *given, **more)
+
+    monkeypatch.setattr(_Search, "trial", watched)
+    joint_starts(po.Identification(MOVING + Friction(), measured), "friction")
+    joint = [way for way in ways if way < np.inf]
+    assert len(set(joint)) > 1
+    assert joint[0] == max(joint)
 
 
 def test_the_search_hands_over_a_start_near_the_answer() -> None:
