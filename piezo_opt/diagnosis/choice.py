@@ -75,7 +75,7 @@ def refits(
     bar: float,
     tell: Callable[[str], None],
     threads: int,
-) -> list[Rung]:
+) -> tuple[list[Rung], list[Rung]]:
     """Refits with what a fit may be missing, each brought as far as it can be, best BIC first.
 
     Args:
@@ -86,6 +86,9 @@ def refits(
         bar: p-value below which a suspect is worth a refit.
         tell: called with a sentence about what is going on.
         threads: refits that run at a time.
+
+    Returns:
+        the refits, and those of every effect from a fresh start, where that was asked.
     """
     likely = [s for s in suspects if s.p_value < bar]
     short = shortlist(likely, suspects) if likely else []
@@ -119,12 +122,14 @@ def refits(
         if not first:
             fresh = [with_base_details(trial) for trial in fresh]
         rungs += race(fit, [*bent, *fresh], threads, rivals=rungs)
+    entered = {id(trial) for trial in fresh}
+    afresh = [rung for rung in rungs if id(rung.trial) in entered]
     found = _contested(fit, rungs, held, threads)
     if first and fresh and not found:
         # Beside the base model as it is at first nobody helps; its details may be half of it.
         rungs += race(fit, [with_base_details(trial) for trial in fresh], threads, rivals=rungs)
         found = _contested(fit, rungs, held, threads)
-    return found
+    return found, afresh
 
 
 def _on_mechanics(
@@ -186,7 +191,10 @@ def ordered(
     near = _IN_SIGHT * min(r.fit.rms for r in rungs)
     close = [r for r in rungs if r.fit.rms <= near]
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        errors = list(pool.map(lambda r: elsewhere(r.fit, held), close))
+        # Each fit once: some of them are of several rungs.
+        fits = list(dict.fromkeys(r.fit for r in close))
+        found = dict(zip(fits, pool.map(lambda f: elsewhere(f, held), fits), strict=True))
+    errors = [found[r.fit] for r in close]
 
     # A record that nobody comes near shows above all something else: it decides nothing yet.
     reached = [(rms(e) or 0.0) / r.fit.rms for r, e in zip(close, errors, strict=True)]

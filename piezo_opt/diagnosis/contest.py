@@ -12,7 +12,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
 
 from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.refinements import (
@@ -24,7 +27,7 @@ from piezo_opt.diagnosis.refinements import (
     shape_refinements,
     with_base_details,
 )
-from piezo_opt.diagnosis.rung import OUTSIDE, Rung, Trial, bic_gain, judged, numbers, solved
+from piezo_opt.diagnosis.rung import Rung, Trial, bic_gain, judged, numbers, solved
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Place
@@ -48,6 +51,8 @@ _FAR = 1.5
 """Error over the floor beyond which it takes more than a look to call it slow noise."""
 _WORTH = 1.5
 """Error of a fresh start over the other's beyond which it is not followed."""
+_OUTSIDE = 2.0
+"""Error over a contender's best yet beyond which another form that has slowed down is given up."""
 _HELPS = 0.97
 """Error over that of the fit below from which a contender beside other effects is one."""
 _BEHIND = 1.01
@@ -93,7 +98,7 @@ def contest(
         with ThreadPoolExecutor(max_workers=threads) as pool:
             asked = [] if alone else [*level, *(r for r in equipped if r not in level)]
             trying = list(pool.map(lambda r: _founded(fit, r, threads), asked))
-            detailed = list(pool.map(lambda r: _detailed(fit, r, threads), trying))
+            detailed = list(pool.map(lambda r: _shaped(fit, r, threads), trying))
             # Whoever has fewer parameters may do exactly what a law with more freedom has found.
             after = [(r, o) for o in detailed or level for r in named if _simpler(r, o)]
             detailed += [r for r in pool.map(begun_there, after) if r]
@@ -104,10 +109,19 @@ def contest(
         # Beside what was found the base model is bent less: who helps at all shows it at once.
         contenders = [r for r in contenders if r.fit.rms < _HELPS * fit.rms]
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        nearest = _SECOND * best.rms
-        fitted = list(
-            pool.map(lambda r: _chance(fit, r, given, threads, r.fit.rms < nearest), contenders)
-        )
+        chances = list(pool.map(lambda r: _chance(fit, r, given, threads), contenders))
+        least = min((chance.rung.fit for chance in chances), key=lambda f: f.rms, default=best)
+        # Where one of them leaves but noise nobody is helped by more than his forms any more, and
+        # only who is level with it.
+        over = _explained(least)
+        reach = _LEVEL * least.rms if over else np.inf
+
+        def further(pair: tuple[Rung, _Chance]) -> Rung:
+            begun, chance = pair
+            near = begun.fit.rms < _SECOND * best.rms and chance.rung.fit.rms <= reach
+            return _further(fit, chance, threads, over=over) if near else chance.rung
+
+        fitted = list(pool.map(further, zip(contenders, chances, strict=True)))
         # Whoever can do exactly what another one does begins there as well, however far behind.
         behind = [r for r in named if r not in contenders]
         pairs = [(r, o) for r in [*fitted, *behind] for o in fitted if o.fit.rms < r.fit.rms]
@@ -142,11 +156,24 @@ def _simpler(rung: Rung, other: Rung) -> bool:
     return behind and numbers(rung.fit) <= numbers(other.fit)
 
 
-def _chance(fit: Fit, rung: Rung, given: Identification, threads: int, near: bool = True) -> Rung:
-    """The best fit that a contender can be brought to, from where it is and from a fresh start.
+@final
+@dataclass(frozen=True, eq=False)
+class _Chance:
+    """What a contender has been brought to, and the second starts that are left to try.
 
-    Who is near the best also has a second start, and its other forms.
+    Attributes:
+        rung: its best fit yet, in what details of its own it pays for.
+        suspect: the contender.
+        second: second starts.
     """
+
+    rung: Rung
+    suspect: Suspect
+    second: Sequence[Trial]
+
+
+def _chance(fit: Fit, rung: Rung, given: Identification, threads: int) -> _Chance:
+    """The best that a contender can be brought to from where it is and from a fresh start."""
     suspect = rung.suspect
     assert suspect is not None
     with ThreadPoolExecutor(max_workers=threads) as pool:
@@ -159,12 +186,18 @@ def _chance(fit: Fit, rung: Rung, given: Identification, threads: int, near: boo
             other = _founded(fit, other, threads)
             if bic_gain(best.fit, other.fit) > 0:
                 best = other
-    best = _shaped(fit, best, suspect, threads, near)
-    if explained(best.fit) or not near:
+    return _Chance(_detailed(fit, best, suspect, threads), suspect, second)
+
+
+def _further(fit: Fit, chance: _Chance, threads: int, *, over: bool) -> Rung:
+    """A contender in its other forms, too, and from a second start unless that is over."""
+    best, suspect = _formed(fit, chance.rung, chance.suspect, threads), chance.suspect
+    if over or explained(best.fit):
         return best
     # Behind where the base model stood without its details; beside them it may be ahead.
-    ahead = _best(fit, best, [with_base_details(trial) for trial in second], suspect, threads)
-    return best if ahead is best else _shaped(fit, ahead, suspect, threads)
+    begun = [with_base_details(trial) for trial in chance.second]
+    ahead = _best(fit, best, begun, suspect, threads)
+    return best if ahead is best else _shaped(fit, ahead, threads)
 
 
 def _founded(fit: Fit, best: Rung, threads: int) -> Rung:
@@ -185,27 +218,33 @@ def _after(fit: Fit, rung: Rung, other: Rung, threads: int) -> Rung | None:
     start = {**other.fit.values, **{f"{name}.{k}": v for k, v in imitated.items()}}
     trial = Trial(other.fit.question.with_model(model), start, rung.suspect)
     best = _best(fit, rung, [trial], rung.suspect, threads)
-    return None if best is rung else _shaped(fit, best, rung.suspect, threads)
+    return None if best is rung else _shaped(fit, best, threads)
 
 
-def _detailed(fit: Fit, rung: Rung, threads: int) -> Rung:
-    assert rung.suspect is not None
-    return _shaped(fit, rung, rung.suspect, threads)
+def _shaped(fit: Fit, best: Rung, threads: int) -> Rung:
+    """A contender in more detail of its own, as far as that pays, and in other forms."""
+    assert best.suspect is not None
+    detailed = _detailed(fit, best, best.suspect, threads)
+    return _formed(fit, detailed, best.suspect, threads)
 
 
-def _shaped(fit: Fit, best: Rung, suspect: Suspect, threads: int, near: bool = True) -> Rung:
-    """A contender in more detail of its own, as far as that pays; near the best in other forms."""
+def _detailed(fit: Fit, best: Rung, suspect: Suspect, threads: int) -> Rung:
+    """A contender in more detail of its own, as far as that pays."""
     details = [
         trial for trial in shape_refinements(best.fit)
         if all(name.startswith(f"{suspect.name}.") for name in trial.refines)
     ]  # fmt: skip
     # Begun at what they are to improve: whoever has lost that and hardly falls will not.
-    best = _best(fit, best, details, suspect, threads, _SECOND * best.fit.rms)
-    if explained(best.fit) or not near:
+    return _best(fit, best, details, suspect, threads, _SECOND * best.fit.rms)
+
+
+def _formed(fit: Fit, best: Rung, suspect: Suspect, threads: int) -> Rung:
+    """A contender in its other forms, unless it leaves but noise as it is."""
+    if explained(best.fit):
         return best
     # A form that is exact in its details and the base model's may be behind without them.
     others = [with_base_details(t, suspect.name) for t in other_forms(best.fit, suspect.name)]
-    return _best(fit, best, others, suspect, threads, OUTSIDE * best.fit.rms)
+    return _best(fit, best, others, suspect, threads, _OUTSIDE * best.fit.rms)
 
 
 def _best(

@@ -101,6 +101,8 @@ class Entering:
     def project(self, column: FloatArray) -> FloatArray:
         """What neither the fitted parameters nor a periodic start explain of columns (M, ...)."""
         left = self.point.project(column)
+        if not self._extra.shape[1]:
+            return left
         return np.asarray(left - self._extra @ (self._extra.T @ left))
 
     def answers(self, place: Place, corrections: FloatArray) -> FloatArray:

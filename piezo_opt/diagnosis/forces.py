@@ -33,9 +33,9 @@ Methods for Ill-Posed Problems, ch. 3 (stopping by the discrepancy principle).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, final
+from typing import Final, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +69,7 @@ ENOUGH: Final = 0.9
 """Share from which a function of one signal needs no second one."""
 SEEN: Final = 0.2
 """Share from which a function of a signal is worth naming."""
+_Hats: TypeAlias = Mapping[Quantity, FloatArray]
 _HOME: Final = {
     Place.INPUT: (),
     Place.LOOP: (Quantity.DRIVE_RATE,),
@@ -173,7 +174,8 @@ def correction_force(
             f"{', '.join(p.value for p in chain.places)}."
         )
     floor = noise_floor(fit) if noise is None else noise
-    return _with_products(chain, [_force(chain, place, floor)], floor)[0]
+    hats = _hats(chain)
+    return _with_products(chain, [_force(chain, place, floor, hats)], floor, hats)[0]
 
 
 def forces(
@@ -182,11 +184,16 @@ def forces(
     """The smallest correction for every place of the chain, the likeliest place first."""
     chain = Entering(fit) if entering is None else entering
     floor = noise_floor(fit) if noise is None else noise
-    found = [_force(chain, place, floor) for place in chain.places]
-    return tuple(ranked(_with_products(chain, found, floor)))
+    hats = _hats(chain)
+    found = [_force(chain, place, floor, hats) for place in chain.places]
+    return tuple(ranked(_with_products(chain, found, floor, hats)))
 
 
-def _force(chain: Entering, place: Place, floor: NoiseFloor) -> Force:
+def _hats(chain: Entering) -> _Hats:
+    return {q: pieces(along) for q, along in chain.trajectory.signals.items()}
+
+
+def _force(chain: Entering, place: Place, floor: NoiseFloor, hats: _Hats) -> Force:
     r = chain.residual
     quiet = float(r @ r) <= r.size * bar(floor) ** 2
     found = _smallest(chain, place, r, np.inf if quiet else r.size * floor.rms**2)
@@ -202,12 +209,14 @@ def _force(chain: Entering, place: Place, floor: NoiseFloor) -> Force:
         rms_before=float(np.sqrt(r @ r / r.size)),
         rms_after=float(np.sqrt(found.left / r.size)),
         share=share_of(chain, found.left, floor),
-        against=() if quiet else describe(chain, place, floor, (None,)),
+        against=() if quiet else _described(chain, place, floor, hats, (None,)),
         iterations=found.iterations,
     )
 
 
-def _with_products(chain: Entering, found: list[Force], floor: NoiseFloor) -> list[Force]:
+def _with_products(
+    chain: Entering, found: list[Force], floor: NoiseFloor, hats: _Hats
+) -> list[Force]:
     """Functions of a second signal are asked only where one signal is not enough."""
     most = max(f.described for f in found)
     if most >= ENOUGH or not any(f.against for f in found):
@@ -216,7 +225,7 @@ def _with_products(chain: Entering, found: list[Force], floor: NoiseFloor) -> li
         replace(
             force,
             against=_best_first(
-                (*force.against, *describe(chain, force.place, floor, RATES)),
+                (*force.against, *_described(chain, force.place, floor, hats, RATES)),
             ),
         )
         for force in found
@@ -250,11 +259,12 @@ def ranked(found: Sequence[Force]) -> list[Force]:
     return sorted(found, key=key)
 
 
-def describe(
+def _described(
     chain: Entering,
     place: Place,
     noise: NoiseFloor,
-    times: Sequence[Quantity | None] = (None, *RATES),
+    hats: _Hats,
+    times: Sequence[Quantity | None],
 ) -> tuple[Dependence, ...]:
     """How much a function of each signal, entering a place, explains of the residual; best first.
 
@@ -266,6 +276,7 @@ def describe(
         chain: the fit's answers to corrections.
         place: where the function enters.
         noise: the floor.
+        hats: pieces of each signal.
         times: rates that may multiply the function; None is the function alone.
     """
     signals, r = chain.trajectory.signals, chain.residual
@@ -275,11 +286,11 @@ def describe(
         absent = rate is not None and rate not in signals
         if absent or (place is Place.LOOP and rate is Quantity.VELOCITY):
             continue
-        for quantity, along in signals.items():
+        for quantity, single in hats.items():
             if rate is not None and quantity in RATES:
                 continue
-            hats = pieces(along) if rate is None else pieces(along) * signals[rate][:, None]
-            whole = chain.answers(place, hats)
+            parts = single if rate is None else single * signals[rate][:, None]
+            whole = chain.answers(place, parts)
             # Scaled as they are: what the fitted parameters explain away must stay small.
             whole = whole / np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
             left = left_out(chain.project(whole), r)

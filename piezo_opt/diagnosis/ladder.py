@@ -84,6 +84,8 @@ class _Stand:
         refined: what was needed in more detail.
         dropped: effects that a later step made unnecessary.
         touched: whether the model has changed since its last step was judged.
+        alone: every effect by itself beside a base that is not bent, where that was asked.
+        scored_at: the fit that ``now`` was taken at, where it was.
         unconfirmed: where it stood before a first step that the other record does not want.
     """
 
@@ -94,6 +96,8 @@ class _Stand:
     refined: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
     touched: bool = False
+    alone: tuple[Rung, ...] = ()
+    scored_at: Fit | None = None
     unconfirmed: _Stand | None = None
 
 
@@ -120,25 +124,35 @@ class _Climb:
 
     def scored(self, at: _Stand) -> _Stand:
         """With the scores of what is absent there."""
-        return replace(at, now=scored(at.fit, self.candidates, self.threads)[0])
+        if at.scored_at is at.fit:
+            return at
+        now, _ = scored(at.fit, self.candidates, self.threads)
+        return replace(at, now=now, scored_at=at.fit)
 
     def onto(self, at: _Stand, fit: Fit) -> _Stand:
         """With another fit, and its held-out errors."""
         return replace(at, fit=fit, error=elsewhere(fit, self.held))
 
-    def choice(self, at: _Stand) -> tuple[Rung, FloatArray | None, tuple[str, ...]] | None:
-        """What is taken next, its held-out errors, and the group of an effect; None for nothing."""
+    def choice(
+        self, at: _Stand
+    ) -> tuple[_Stand, tuple[Rung, FloatArray | None, tuple[str, ...]] | None]:
+        """What is taken next, its held-out errors, and the group of an effect; None for nothing.
+
+        Beside it the stand, which knows what was found out on the way.
+        """
         first = not at.steps
         bar = SIGNIFICANT if self.held.record is not None else SHORT
-        rungs = refits(
+        rungs, afresh = refits(
             at.fit, self.held, at.now, first=first, bar=bar, tell=self.tell, threads=self.threads
         )
+        at = replace(at, alone=tuple(afresh)) if first and afresh else at
         ranked = ordered(rungs, self.held, self.threads)
         taken = chosen(at.fit, at.error, ranked, self.held, first=first)
         if taken is None:
-            return None
+            return at, None
         rung, after = taken
-        return rung, after, () if rung.suspect is None else group_of(rung, rungs, at.now)
+        group = () if rung.suspect is None else group_of(rung, rungs, at.now)
+        return at, (rung, after, group)
 
     def detailed(self, at: _Stand) -> _Stand:
         """With all the detail that it pays for, where that reaches the other record no worse."""
@@ -158,7 +172,7 @@ class _Climb:
     def together(self, at: _Stand) -> _Stand | None:
         """Two effects at once in the place of all steps; None where no two do."""
         self.tell("fitting two effects at a time")
-        both = pair(self.foot, at.fit, self.held, self.candidates, self.threads)
+        both = pair(self.foot, at.fit, self.held, self.candidates, self.threads, known=at.alone)
         if both is None:
             return None
         fit, steps = both
@@ -220,11 +234,12 @@ class _Climb:
         joined = any(e.structural and n not in before.fit.model for n, e in at.fit.model)
         if not at.steps or at.steps == before.steps:
             return self.placed(at, self.asked(at, last=joined))
-        with ThreadPoolExecutor(max_workers=1) as pool:
-            # Mostly nothing became unnecessary: the places are asked for before that is known.
-            ahead = pool.submit(self.asked, at, last=joined)
+        with ThreadPoolExecutor(max_workers=2) as pool:
+            # Mostly nothing became unnecessary: what comes after is asked before that is known.
+            places = pool.submit(self.asked, at, last=joined)
+            scores = pool.submit(self.scored, at)
             fewer = self.pruned(at)
-            answer = ahead.result()
+            answer, at = places.result(), scores.result()
         if len(fewer.dropped) > len(at.dropped):
             return self.placed(fewer, self.asked(fewer, last=True))
         return self.placed(at, answer)
@@ -312,7 +327,7 @@ def climb(
     tell("scoring every absent effect")
     suspects, unscored = scored(baseline, candidates, threads)
     way = _Climb(baseline, suspects, held, candidates, tell, threads)
-    at = _Stand(baseline, elsewhere(baseline, held), suspects)
+    at = _Stand(baseline, elsewhere(baseline, held), suspects, scored_at=baseline)
     bottom = at.error
     ended = paired = False
     settled: _Stand | None = None
@@ -324,7 +339,7 @@ def climb(
         if lost and len(at.steps) > 1:
             # One of them may stand for another effect, which is asked in far less time than pairs.
             settled = way.reconsidered(at)
-            at = settled if settled.fit is at.fit else way.scored(settled)
+            at = way.scored(settled)
             lost = way.lost(at)
         if lost:
             paired = True
@@ -332,7 +347,7 @@ def climb(
             at, ended = (at, ended) if both is None else (both, False)
         if ended:
             break
-        taken = way.choice(at)
+        at, taken = way.choice(at)
         if taken is None:
             ended = True
             continue

@@ -84,7 +84,13 @@ class _Alone:
 
 
 def pair(
-    foot: Fit, end: Fit, held: HeldOut, candidates: Sequence[Effect], threads: int
+    foot: Fit,
+    end: Fit,
+    held: HeldOut,
+    candidates: Sequence[Effect],
+    threads: int,
+    *,
+    known: Sequence[Rung] = (),
 ) -> tuple[Fit, list[Step]] | None:
     """Two effects that leave nothing but noise where a ladder left more; None where none do.
 
@@ -94,11 +100,12 @@ def pair(
         held: what decides beside BIC.
         candidates: effects that may be added; each form of one is one.
         threads: refits that run at a time.
+        known: refits of one effect alone from a fresh start, of which none is made twice.
 
     Returns:
         the fit with both, and the two steps, the one that does more alone first.
     """
-    likely = _likely(foot, _alone(foot, held.question, candidates, threads))
+    likely = _likely(foot, _alone(foot, held.question, candidates, known, threads))
     asked = _promising(held.question, likely, threads)
     rungs = [r for r in race(end, asked, threads, most=_FOLLOWED) if plausible(r)]
     closest = sorted(rungs, key=_rms)[:_FINISHED]
@@ -122,24 +129,34 @@ def pair(
 
 
 def _alone(
-    foot: Fit, question: Identification, candidates: Iterable[Effect], threads: int
+    foot: Fit,
+    question: Identification,
+    candidates: Iterable[Effect],
+    known: Sequence[Rung],
+    threads: int,
 ) -> list[_Alone]:
     """Each candidate fitted alone from a fresh start, with mechanics where it needs some."""
+    channels = tuple(question.campaign.records[0].channels)
+    fitted = {rung.fit.model: rung for rung in known}
+    asked = {
+        _on(question.model, ground) + effect: (effect, ground)
+        for effect in candidates for ground in _grounds(question.model, effect, channels)
+    }  # fmt: skip
 
-    def begun(one: tuple[Effect, Effect | None]) -> tuple[Effect, Effect | None, Trial] | None:
-        effect, ground = one
-        asked = question.with_model(_on(question.model, ground) + effect)
+    def begun(model: Model) -> Trial | None:
+        joined = question.with_model(model)
         with suppress(*NO_FIT):
-            return effect, ground, Trial(asked, starting_values(asked, Monitor(())))
+            return Trial(joined, starting_values(joined, Monitor(())))
         return None
 
-    channels = tuple(question.campaign.records[0].channels)
-    asked = [(e, g) for e in candidates for g in _grounds(question.model, e, channels)]
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        trials = [one for one in pool.map(begun, asked) if one is not None]
-    of = {id(trial): (effect, ground) for effect, ground, trial in trials}
-    rungs = race(foot, [trial for _, _, trial in trials], threads, most=len(trials), podium=_MOST)
-    return [_Alone(*of[id(rung.trial)], rung.trial, rung.fit) for rung in rungs]
+        new = pool.map(begun, [model for model in asked if model not in fitted])
+        trials = [trial for trial in new if trial is not None]
+    rungs = race(
+        foot, trials, threads, most=len(asked), podium=_MOST,
+        begun=[fitted[model] for model in asked if model in fitted],
+    )  # fmt: skip
+    return [_Alone(*asked[rung.fit.model], rung.trial, rung.fit) for rung in rungs]
 
 
 def _grounds(model: Model, effect: Effect, channels: tuple[str, ...]) -> list[Effect | None]:

@@ -158,7 +158,7 @@ class _Columns:
         along = np.column_stack([term.along(self._signals) for term in new])
         whole = self._chain.answers(self._place, along)
         # Scaled as they are: what the fitted parameters explain away must stay small.
-        lengths = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
+        lengths = np.maximum(np.sqrt(np.einsum("kq,kq->q", whole, whole)), 1e-300)
         columns = self._chain.project(whole / lengths)
         usable = np.asarray(np.isfinite(columns).all(axis=0))
         self.terms += [t for t, fine in zip(new, usable, strict=True) if fine]

@@ -37,15 +37,12 @@ _RACE = 1.5
 """Error over the best rival's beyond which a refit is out of the race..."""
 _PODIUM = 3
 """...unless it is among the best so many."""
-OUTSIDE = 2.0
-"""Error over that of a fit that is to be beaten beyond which a refit that has slowed down is given
-up before it is decided."""
 _HOPELESS = 4.0
 """Error over that of a rival from an earlier race, or of what stands, beyond which nobody is
 followed."""
 _REACH = 1.2
-"""The same beyond which one that is followed is given up once it has slowed down: not even in a
-group with what stands."""
+"""Error over that of what stands beyond which one that has slowed down is given up: not even in a
+group with it."""
 _BEHIND = 1.1
 """Error over that of the fit below up to which more detail stays in the race."""
 
@@ -164,7 +161,9 @@ def race(
     most: int | None = None,
     podium: int = _PODIUM,
     rivals: Sequence[Rung] = (),
+    begun: Sequence[Rung] = (),
     standing: Fit | None = None,
+    reach: float = _REACH,
 ) -> list[Rung]:
     """Refit all trials; only those that are still near the best are followed to their end.
 
@@ -176,15 +175,17 @@ def race(
             what the model has unless it is behind.
         podium: refits that are followed however far behind the best.
         rivals: refits of the same fit that have been followed before; not returned again.
+        begun: refits that have been in a race before and are in this one from there; returned.
         standing: what stands where they would, and they are to reach, where there is such a fit.
+        reach: its error times this is what a refit that has slowed down must be below to go on.
     """
     there = float("inf") if standing is None else standing.rms
 
     def one(trial: Trial) -> Rung | None:
         try:
-            richer = solved(trial.question, trial.start, _FIRST, OUTSIDE * there, mend=False)
+            richer = solved(trial.question, trial.start, _FIRST, reach * there, mend=False)
             if not np.isfinite(richer.rms):
-                richer = solved(trial.question, trial.start, _FIRST, OUTSIDE * there)
+                richer = solved(trial.question, trial.start, _FIRST, reach * there)
         except NO_FIT:
             return None
         return Rung(trial, richer, bic_gain(fit, richer))
@@ -193,13 +194,13 @@ def race(
         if rung.fit.outcome.success and not too_coarse(rung.fit):
             return rung
         try:
-            richer = solved(rung.fit.question, rung.fit.values, _LATER, _REACH * there)
+            richer = solved(rung.fit.question, rung.fit.values, _LATER, reach * there)
         except NO_FIT:
             return rung
         return replace(rung, fit=richer, delta_bic=bic_gain(fit, richer))
 
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        rungs = [rung for rung in pool.map(one, trials) if rung is not None]
+        rungs = [*begun, *(rung for rung in pool.map(one, trials) if rung is not None)]
         if not rungs:
             return []
         ranked = sorted(r.fit.rms for r in rungs)

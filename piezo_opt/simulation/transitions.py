@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import final
 
@@ -40,6 +41,11 @@ class Answer:
     b: FloatArray
     e: FloatArray
     d: FloatArray
+
+    @cached_property
+    def moves_states(self) -> bool:
+        """Whether the correction acts on more than the reading itself."""
+        return bool(self.b.any() or self.e.any())
 
 
 @final
@@ -83,14 +89,20 @@ class Transitions:
     def forward(self, correction: int, w: FloatArray) -> FloatArray:
         """Change of the reading (N, q) by corrections w (N, q)."""
         of = self._answers[correction]
-        pushes = of.b[:, :, None] * w[:-1, None, :] + of.e[:, :, None] * w[1:, None, :]
-        return self._read(pushes) + of.d[:, None] * w
+        moved = of.d[:, None] * w
+        if of.moves_states:
+            pushes = np.zeros((self.samples, self.states, w.shape[1]))
+            np.multiply(of.b[:, :, None], w[:-1, None, :], out=pushes[1:])
+            pushes[1:] += of.e[:, :, None] * w[1:, None, :]
+            x = self._chain.solve(pushes.reshape(-1, w.shape[1])).reshape(pushes.shape)
+            moved += np.einsum("kn,knq->kq", self._c, x)
+        return moved
 
     def adjoint(self, correction: int, y: FloatArray) -> FloatArray:
         """The transpose of :meth:`forward` on one column (N,)."""
         of = self._answers[correction]
         found = of.d * y
-        if self.states:
+        if of.moves_states:
             # The stubs of SciPy do not know the second argument.
             pulled = self._chain.solve((self._c * y[:, None]).ravel(), "T")  # type: ignore[call-overload]
             pulled = pulled.reshape(self.samples, self.states)
@@ -106,15 +118,6 @@ class Transitions:
         first = np.zeros((self.samples * n, n))
         first[:n] = np.eye(n)
         x = self._chain.solve(first).reshape(self.samples, n, n)
-        return np.asarray(np.einsum("kn,knq->kq", self._c, x))
-
-    def _read(self, pushes: FloatArray) -> FloatArray:
-        count = pushes.shape[2]
-        if self.states == 0:
-            return np.zeros((self.samples, count))
-        right = np.zeros((self.samples, self.states, count))
-        right[1:] = pushes
-        x = self._chain.solve(right.reshape(-1, count)).reshape(right.shape)
         return np.asarray(np.einsum("kn,knq->kq", self._c, x))
 
 

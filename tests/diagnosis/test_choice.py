@@ -145,6 +145,10 @@ def test_what_is_out_of_sight_is_not_asked(judged: list[float]) -> None:
     rungs = [effect("best", 1.0, 1.0), effect("seen", 1.95, 1.0), effect("lost", 2.05, 0.1)]
     assert asked(rungs) == ["best", "seen"]
     assert sorted(judged) == [1.0, 1.95]
+    # And a fit that is two rungs' once.
+    judged.clear()
+    assert asked([*rungs, replace(rungs[1])]) == ["best", "seen", "seen"]
+    assert sorted(judged) == [1.0, 1.95]
 
 
 def test_a_record_that_nobody_comes_near_does_not_decide(judged: list[float]) -> None:
@@ -307,7 +311,7 @@ def test_names_are_asked_for_again_at_the_end_where_details_came_after_them(
     monkeypatch.setattr(ladder, "with_statistics", lambda found: found)
     monkeypatch.setattr(ladder, "exchange", lambda _, found, steps, *__, **___: (found, steps, []))
     monkeypatch.setattr(ladder, "prune", pruned)
-    monkeypatch.setattr(ladder, "pair", lambda *_: None)
+    monkeypatch.setattr(ladder, "pair", lambda *_, **__: None)
     ladder.climb(fit(10.0), UNJUDGED, (), threads=1)
     assert asked == ([False, True] if refined else [False])
 
@@ -331,7 +335,7 @@ def test_groups_are_told_again_where_but_noise_is_left(
     monkeypatch.setattr(choice, "settled", lambda _: True)
     monkeypatch.setattr(choice, "contest", lambda _, rungs, *__, **___: rungs)
     monkeypatch.setattr(ladder, "with_statistics", lambda found: found)
-    monkeypatch.setattr(ladder, "pair", lambda *_: None)
+    monkeypatch.setattr(ladder, "pair", lambda *_, **__: None)
     monkeypatch.setattr(ladder, "regrouped", regrouped)
     climbed = ladder.climb(fit(10.0), UNJUDGED, (), threads=1)
     assert [step.name for step in climbed.steps] == ["drift"]
@@ -478,7 +482,7 @@ def test_where_nobody_helps_every_effect_is_begun_beside_the_details_of_the_base
 
     def race(_: Any, trials: Sequence[Any], __: int, **___: Any) -> list[Rung]:
         seen.extend(trials)
-        return [near]
+        return [near, *(replace(near, trial=trial) for trial in trials)]
 
     def contest(_: Any, rungs: list[Rung], *__: object, **___: object) -> list[Rung]:
         return rungs if next(contests) else []
@@ -492,9 +496,11 @@ def test_where_nobody_helps_every_effect_is_begun_beside_the_details_of_the_base
     monkeypatch.setattr(choice, "entrants", lambda *_: ["plain"])
     monkeypatch.setattr(choice, "with_base_details", lambda _: "detailed")
     monkeypatch.setattr(choice, "contest", contest)
-    found = choice.refits(
+    found, afresh = choice.refits(
         fit(9.0), JUDGED, (), first=first, bar=-1.0, tell=lambda _: None, threads=1
     )
+    # Those beside details are not told as begun afresh: a search for pairs begins without them.
+    assert [rung.trial for rung in afresh] == raced[:1]
     assert seen == raced
     assert bool(found) is (first or helped)
 

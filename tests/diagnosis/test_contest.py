@@ -14,6 +14,7 @@ import piezo_opt as po
 from piezo_opt.diagnosis import contest as module
 from piezo_opt.diagnosis import refinements as refining
 from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.contest import _Chance as Chance
 from piezo_opt.diagnosis.contest import beside, contest, forgetful
 from piezo_opt.diagnosis.held_out import HeldOut, hold_out
 from piezo_opt.diagnosis.ladder import climb
@@ -85,10 +86,7 @@ def test_refinements_are_details_and_hidden_mechanics() -> None:
     names = [t.refines for t in base_refinements(fit)]
     assert names == [("bouc_wen.n",), ("second_order",)]
     assert shape_refinements(fit) == []
-    lagged = solved(
-        fit.question.with_model(STILL + AmplifierLag()), {**fit.values, "amplifier_lag.share": 0.5}
-    )
-    (trial,) = shape_refinements(lagged)
+    (trial,) = lag_in_detail(fit, 2.0 * record.step)
     assert trial.refines == ("amplifier_lag.ratio",)
     assert trial.question.model["amplifier_lag"] == AmplifierLag(poles=2)
     # What is free already, or fixed by the user, is not offered again.
@@ -96,6 +94,27 @@ def test_refinements_are_details_and_hidden_mechanics() -> None:
     assert [t.refines for t in refinements(fixed)] == [("second_order",)]
     moving = fitted(MOVING, measured(MOVING, time, rich(time)))
     assert [t.refines for t in base_refinements(moving)] == [("bouc_wen.n",)]
+
+
+def lag_in_detail(fit: po.Fit, tau: float) -> list[Trial]:
+    """The details of a lag of this time constant behind a fit's drive."""
+    at = {**fit.values, "amplifier_lag.share": 0.5, "amplifier_lag.tau": tau}
+    return shape_refinements(solved(fit.question.with_model(STILL + AmplifierLag()), at, 0))
+
+
+@pytest.mark.parametrize(("tau", "asked"), [(0.19, True), (0.17, False)])
+def test_a_lag_of_a_seventh_of_a_sample_has_no_second_pole_to_be_seen(
+    tau: float, asked: bool
+) -> None:
+    """The first of two poles that delay as much is 1 / 1.2 of the one."""
+    time = clock(2000)
+    record = measured(STILL, time, rich(time))
+    poles = [
+        trial.question.model["amplifier_lag"]
+        for trial in lag_in_detail(fitted(STILL, record), tau * record.step)
+        if "amplifier_lag.ratio" in trial.refines
+    ]
+    assert poles == ([AmplifierLag(poles=2)] if asked else [])
 
 
 def test_a_chain_that_forgets_between_two_samples_is_not_made_denser() -> None:
@@ -347,7 +366,7 @@ def test_a_form_that_is_exact_in_its_details_is_found_from_another_form() -> Non
     (rung,) = race(base, [adding(base, suspect)], 1)
     plain = solved(base.question.with_model(STILL + Asymmetry()), base.values)
     assert plain.rms > rung.fit.rms > 4.0 * NOISE
-    found = module._shaped(base, rung, suspect, 1).fit
+    found = module._shaped(base, rung, 1).fit
     assert found.model == STILL + Asymmetry()
     assert found.rms == pytest.approx(NOISE, rel=0.05)
 
@@ -570,7 +589,8 @@ def test_however_far_behind_friction_begins_at_what_a_mount_does(
     monkeypatch.setattr(module, "_NEAR", 1.02)
     monkeypatch.setattr(module, "_explained", lambda _: noise_is_left)
     monkeypatch.setattr(module, "settled", lambda _: False)
-    monkeypatch.setattr(module, "_chance", lambda _, rung, *__: rung)
+    monkeypatch.setattr(module, "_chance", lambda _, rung, *__: Chance(rung, rung.suspect, ()))
+    monkeypatch.setattr(module, "_further", lambda _, chance, *__, **___: chance.rung)
     rungs = [Rung(friction, stuck, 0.0), Rung(mount, found, 0.0)]
     best = contest(fit, rungs, fit.question, 1)[0]
     assert best.suspect is not None
@@ -587,12 +607,13 @@ def in_the_contest(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Names of those who are brought to their best from now on, which is left undone."""
     names: list[str] = []
 
-    def watched(_: po.Fit, rung: Rung, *__: object) -> Rung:
+    def watched(_: po.Fit, rung: Rung, *__: object) -> Chance:
         assert rung.suspect is not None
         names.append(rung.suspect.name)
-        return rung
+        return Chance(rung, rung.suspect, ())
 
     monkeypatch.setattr(module, "_chance", watched)
+    monkeypatch.setattr(module, "_further", lambda _, chance, *__, **___: chance.rung)
     return names
 
 
@@ -650,11 +671,13 @@ def test_who_leaves_but_noise_begins_afresh_only_where_it_is_doubted(
     rungs = race(fit, [adding(fit, s) for s in suspects], 1)
     fought: list[Rung] = []
 
-    def watched(_: po.Fit, rung: Rung, *__: object) -> Rung:
+    def watched(_: po.Fit, rung: Rung, *__: object) -> Chance:
+        assert rung.suspect is not None
         fought.append(rung)
-        return rung
+        return Chance(rung, rung.suspect, ())
 
     monkeypatch.setattr(module, "_chance", watched)
+    monkeypatch.setattr(module, "_further", lambda _, chance, *__, **___: chance.rung)
     contest(fit, rungs, fit.question, 1, afresh=afresh)
     assert bool(fought) is afresh
 
@@ -679,6 +702,10 @@ def test_a_contender_has_a_second_start_where_its_shapes_may_be_elsewhere(
     right = {**trial.start, **{f"friction.{k}": v for k, v in law.items()}}
     monkeypatch.setattr(module, "joint_starts", lambda *_: (wrong, right))
     monkeypatch.setattr(module, "_founded", lambda _, rung, __: rung)
-    best = module._chance(fit, stuck, fit.question, 1)
+    chance = module._chance(fit, stuck, fit.question, 1)
+    assert chance.rung.fit.rms > 2.0 * NOISE
+    best = module._further(fit, chance, 1, over=False)
     assert best.fit.values["friction.z0"] == pytest.approx(1e-7, rel=0.05)
     assert best.fit.rms == pytest.approx(NOISE, rel=0.05)
+    # Where another contender has left but noise nobody begins once more.
+    assert module._further(fit, chance, 1, over=True).fit.rms > 2.0 * NOISE

@@ -310,7 +310,11 @@ def test_dropping_is_tried_from_fresh_starts_too(monkeypatch: pytest.MonkeyPatch
     fit = crowded(CREEP)
     seen: list[Trial] = []
 
-    def nobody_arrives(_: po.Fit, trials: list[Trial], __: int) -> list[Rung]:
+    def nobody_arrives(
+        _: po.Fit, trials: list[Trial], __: int, *, standing: po.Fit, reach: float
+    ) -> list[Rung]:
+        assert standing is fit
+        assert reach == np.inf
         seen.extend(trials)
         return []
 
@@ -380,6 +384,23 @@ def test_two_steps_are_brought_to_their_detail_before_pairs_are_asked_for() -> N
     assert way.detailed(finer) is finer
 
 
+def test_pairs_are_told_who_began_afresh_at_the_foot(
+    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside what was found nobody begins beside the model of the foot."""
+    ladder, held = two
+    known: list[Any] = []
+    rounds = iter([([], ["alone"]), ([], []), ([], ["beside another"])])
+    monkeypatch.setattr(module, "refits", lambda *_, **__: next(rounds))
+    monkeypatch.setattr(module, "pair", lambda *_, **given: known.append(given["known"]))
+    way = module._Climb(ladder.baseline, (), held, [], lambda _: None, 1)
+    at, _ = way.choice(module._Stand(ladder.baseline, None, ()))
+    at, _ = way.choice(at)
+    at, _ = way.choice(replace(at, steps=ladder.steps))
+    assert way.together(at) is None
+    assert known == [("alone",)]
+
+
 def test_details_come_before_pairs_and_pairs_are_asked_for_once(
     two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -399,7 +420,7 @@ def test_details_come_before_pairs_and_pairs_are_asked_for_once(
     monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
     monkeypatch.setattr(module, "astray", lambda *_, **__: True)
     monkeypatch.setattr(module, "nothing_to_win", lambda _: False)
-    monkeypatch.setattr(module._Climb, "choice", lambda *_: next(choices))
+    monkeypatch.setattr(module._Climb, "choice", lambda _, at: (at, next(choices)))
     monkeypatch.setattr(module._Climb, "named", noted("named", both))
     monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
     monkeypatch.setattr(module._Climb, "detailed", noted("detailed", ...))
@@ -444,7 +465,7 @@ def test_pairs_are_asked_for_where_two_leave_but_noise_and_miss_the_other_record
     monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
     monkeypatch.setattr(module, "astray", astray)
     monkeypatch.setattr(module, "nothing_to_win", lambda _: True)
-    monkeypatch.setattr(module._Climb, "choice", lambda *_: next(choices))
+    monkeypatch.setattr(module._Climb, "choice", lambda _, at: (at, next(choices)))
     monkeypatch.setattr(module._Climb, "named", lambda *_: both)
     monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
     monkeypatch.setattr(module._Climb, "together", together)
@@ -508,6 +529,34 @@ def test_places_are_asked_for_beside_the_pruning_and_again_where_that_drops_a_st
     assert asked == ([(2, False), (1, True)] if spare else [(2, False)])
     assert told[-1] == ("exchanged here for of 1" if spare else "exchanged here for of 2")
     assert len(found.steps) == (1 if spare else 2)
+
+
+@pytest.mark.parametrize("gone", [False, True])
+def test_scores_are_taken_beside_the_pruning_and_once_at_a_fit(
+    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, gone: bool
+) -> None:
+    ladder, held = two
+    at: list[po.Fit] = []
+
+    def noted(fit: po.Fit, *_: Any) -> Any:
+        at.append(fit)
+        return (SimpleNamespace(name="drift", p_value=1.0),), ()
+
+    monkeypatch.setattr(module, "scored", noted)
+    monkeypatch.setattr(module, "prune", lambda fit, steps, *_, **__: (fit, list(steps), []))
+    monkeypatch.setattr(
+        module, "exchange",
+        lambda _, fit, steps, *__, **___: (
+            ladder.baseline if gone else fit, steps, [("here", "there")] if gone else []
+        ),
+    )  # fmt: skip
+    way = module._Climb(ladder.baseline, (), held, [], lambda _: None, 1)
+    stand = module._Stand(ladder.final, None, (), ladder.steps)
+    found = way.scored(way.revised(replace(stand, steps=()), stand))
+    # Of another fit, in which a step gave way, they are taken anew.
+    assert at == ([ladder.final, ladder.baseline] if gone else [ladder.final])
+    assert [suspect.name for suspect in found.now] == ["drift"]
+    assert way.scored(found) is found
 
 
 @pytest.mark.parametrize(("p_value", "asked"), [(1e-9, [0]), (1e-2, [])])
@@ -575,7 +624,7 @@ def test_steps_are_asked_again_at_the_end(
     monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
     monkeypatch.setattr(module, "astray", lambda *_, **__: False)
     monkeypatch.setattr(module, "nothing_to_win", lambda _: quiet)
-    monkeypatch.setattr(module._Climb, "choice", lambda *_: next(choices))
+    monkeypatch.setattr(module._Climb, "choice", lambda _, at: (at, next(choices)))
     monkeypatch.setattr(module._Climb, "named", lambda *_: both)
     monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
     monkeypatch.setattr(module._Climb, "grouped", lambda _, at: at)

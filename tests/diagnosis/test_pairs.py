@@ -17,7 +17,8 @@ from piezo_opt.diagnosis.base_point import BasePoint, base_point
 from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
 from piezo_opt.diagnosis.ladder import _unaided, climb
 from piezo_opt.diagnosis.pairs import pair
-from piezo_opt.diagnosis.rung import Rung, Trial, solved
+from piezo_opt.diagnosis.rung import Rung, Trial, race, solved
+from piezo_opt.diagnosis.shortlist import entrants, scored
 from piezo_opt.effects import (
     AmplifierLag,
     ChargeBackCoupling,
@@ -94,9 +95,9 @@ def test_few_pairs_are_followed_to_their_end(monkeypatch: pytest.MonkeyPatch) ->
     foot, held = below_resonance()
     asked: list[tuple[int, int]] = []
 
-    def race(*given: Any, most: int, podium: int = 3) -> list[Rung]:
+    def race(*given: Any, most: int, podium: int = 3, **also: Any) -> list[Rung]:
         asked.append((most, podium))
-        return tried(*given, most=most, podium=podium) if podium > 3 else []
+        return tried(*given, most=most, podium=podium, **also) if podium > 3 else []
 
     tried = pairs.race
     monkeypatch.setattr(pairs, "race", race)
@@ -142,10 +143,39 @@ def test_who_cannot_be_simulated_again_is_not_paired(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(pairs, "_SAME", 2.0)
     monkeypatch.setattr(pairs, "base_point", point)
-    alone = pairs._alone(foot, held.question, OFFERED, 2)
+    alone = pairs._alone(foot, held.question, OFFERED, (), 2)
     asked = pairs._promising(held.question, alone, 2)
     assert len(asked) == 10
     assert not any("creep" in trial.question.model for trial in asked)
+
+
+def test_who_has_been_fitted_alone_is_not_fitted_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that a ladder began afresh at its foot are what a search for pairs would fit first."""
+    foot, held = below_resonance()
+    suspects, _ = scored(foot, OFFERED, 2)
+    fresh = entrants(foot, held.question, suspects, 2)
+    known = race(foot, fresh, 2)
+    begun: list[po.Model] = []
+    anew = pairs.starting_values
+
+    def watched(question: po.Identification, *given: Any) -> Any:
+        begun.append(question.model)
+        return anew(question, *given)
+
+    alone = pairs._alone(foot, held.question, OFFERED, (), 2)
+    monkeypatch.setattr(pairs, "starting_values", watched)
+    again = pairs._alone(foot, held.question, OFFERED, known, 2)
+    assert known
+    assert not {rung.fit.model for rung in known} & set(begun)
+    assert len(begun) == len(alone) - len(known)
+    # The same models, with what acts alone and the mechanics that it needs, as close or closer.
+    told = {one.fit.model: one for one in again}
+    assert set(told) == {one.fit.model for one in alone}
+    for one in alone:
+        other = told[one.fit.model]
+        assert (other.effect, other.ground) == (one.effect, one.ground)
+        assert other.fit.rms <= 1.001 * one.fit.rms
+        assert other.trial.start == pytest.approx(one.trial.start, rel=1e-9)
 
 
 def _unstable(_: po.Fit) -> BasePoint:
@@ -222,9 +252,9 @@ def test_what_a_pair_does_not_need_is_dropped_at_the_end(monkeypatch: pytest.Mon
         {**foot.values, **_named(creep), "drift.rate": 1e-10},
     )
     steps = [pairs._step(foot, both, name) for name in ("creep", "drift")]
-    monkeypatch.setattr(climbing, "refits", lambda *_, **__: [])
+    monkeypatch.setattr(climbing, "refits", lambda *_, **__: ([], []))
     monkeypatch.setattr(climbing, "astray", lambda *_, **__: True)
-    monkeypatch.setattr(climbing, "pair", lambda *_: (both, steps))
+    monkeypatch.setattr(climbing, "pair", lambda *_, **__: (both, steps))
     climbed = climb(foot, hold_out(question, test), [Creep(elements=1), Drift()])
     assert [step.name for step in climbed.steps] == ["creep"]
     assert climbed.dropped == ("drift",)

@@ -67,9 +67,9 @@ def test_nobody_is_followed_far_behind_a_rival_of_an_earlier_race(followed: list
 def test_who_is_to_reach_what_stands_is_given_up_far_from_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """At twice the error where a search slows down; four times the error is not followed.
+    """Where a search slows down beyond what would put it in a group with what stands.
 
-    Who is followed is given up beyond what would put it in a group with what stands.
+    Or beyond a reach that is told; four times the error is not followed.
     """
     asked: list[tuple[int, float]] = []
 
@@ -83,7 +83,10 @@ def test_who_is_to_reach_what_stands_is_given_up_far_from_it(
     monkeypatch.setattr(rung, "bic_gain", lambda *_: 0.0)
     trials = [entering(e) for e in (3.8, 4.1)]
     race(BELOW, trials, 1, standing=ending(1.0))
-    assert asked == [(rung._FIRST, 2.0), (rung._FIRST, 2.0), (rung._LATER, 1.2)]
+    assert asked == [(rung._FIRST, 1.2), (rung._FIRST, 1.2), (rung._LATER, 1.2)]
+    asked.clear()
+    race(BELOW, trials, 1, standing=ending(1.0), reach=3.0)
+    assert asked == [(rung._FIRST, 3.0), (rung._FIRST, 3.0), (rung._LATER, 3.0)]
     asked.clear()
     race(BELOW, trials, 1)
     free = float("inf")
@@ -185,8 +188,9 @@ def test_between_laws_that_leave_but_noise_their_details_decide(
     """A mount has more freedom than friction has; static friction may fit better still."""
     shaped: list[str] = []
 
-    def in_detail(_: Any, found: Rung, suspect: Any, *__: Any) -> Rung:
-        shaped.append(suspect.name)
+    def in_detail(_: Any, found: Rung, __: int) -> Rung:
+        assert found.suspect is not None
+        shaped.append(found.suspect.name)
         return found
 
     monkeypatch.setattr(contest, "_explained", lambda _: True)
@@ -234,42 +238,70 @@ def test_who_stands_without_mechanics_gets_them_where_the_best_has_them(
     assert equipped == []
 
 
-def test_who_is_behind_has_no_second_start_and_no_other_forms(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Of 36 contenders of the bench beyond a quarter more error than the best none has won."""
-    near: dict[str, bool] = {}
-    tried: list[tuple[list[str], tuple[float, ...]]] = []
+def brought(monkeypatch: pytest.MonkeyPatch, least: dict[str, float]) -> dict[str, bool]:
+    """Who goes on in other forms, and whether second starts are over, of contenders of a contest.
 
-    def chance(_: Any, found: Rung, __: Any, ___: int, is_near: bool) -> Rung:
+    Args:
+        least: errors that contenders are brought to at first, by name; the others stay.
+    """
+    on: dict[str, bool] = {}
+
+    def chance(_: Any, found: Rung, *__: Any) -> contest._Chance:
         assert found.suspect is not None
-        near[found.suspect.name] = is_near
-        return found
+        name = found.suspect.name
+        return contest._Chance(named(name, least.get(name, found.fit.rms)), found.suspect, ())
 
-    def best(_: Any, found: Rung, trials: list[str], __: Any, ___: int, *beyond: float) -> Rung:
-        tried.append((trials, beyond))
-        return found
+    def further(_: Any, begun: contest._Chance, __: int, *, over: bool) -> Rung:
+        on[begun.suspect.name] = over
+        return begun.rung
 
     monkeypatch.setattr(contest, "_chance", chance)
-    monkeypatch.setattr(contest, "_explained", lambda _: False)
+    monkeypatch.setattr(contest, "_further", further)
+    monkeypatch.setattr(contest, "_explained", lambda fit: fit.rms < 0.6)
     monkeypatch.setattr(contest, "settled", lambda _: False)
     monkeypatch.setattr(contest, "_after", lambda *_: None)
     monkeypatch.setattr(contest, "judged", lambda _, rungs: list(rungs))
     rungs = [named(str(error), error) for error in (1.0, 1.24, 1.26, 1.59, 1.61)]
     contest.contest(named("nothing", 2.0).fit, rungs, BELOW)
-    assert near == {"1.0": True, "1.24": True, "1.26": False, "1.59": False}
+    return on
+
+
+def test_who_is_behind_has_no_second_start_and_no_other_forms(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of 36 contenders of the bench beyond a quarter more error than the best none has won."""
+    assert brought(monkeypatch, {}) == {"1.0": False, "1.24": False}
+    assert brought(monkeypatch, {"1.26": 0.9}) == {"1.0": False, "1.24": False}
+
+
+def test_where_one_leaves_but_noise_only_who_is_level_goes_on_and_in_other_forms_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A mount left but noise, and friction was sought for as long again at twice the error."""
+    assert brought(monkeypatch, {"1.0": 0.5}) == {"1.0": True}
+    assert brought(monkeypatch, {"1.24": 0.5, "1.0": 0.54}) == {"1.0": True, "1.24": True}
+    assert brought(monkeypatch, {"1.24": 0.5, "1.0": 0.56}) == {"1.24": True}
+
+
+def test_slow_forms_and_details_are_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forms at twice the error of the one there is; details begin at it, and have a quarter more.
+
+    Nobody who leaves but noise has other forms.
+    """
+    tried: list[tuple[list[str], tuple[float, ...]]] = []
+
+    def best(_: Any, found: Rung, trials: list[str], __: Any, ___: int, *beyond: float) -> Rung:
+        tried.append((trials, beyond))
+        return found
 
     monkeypatch.setattr(contest, "_best", best)
     monkeypatch.setattr(contest, "shape_refinements", lambda _: [])
     monkeypatch.setattr(contest, "other_forms", lambda *_: ["another form"])
-    monkeypatch.setattr(contest, "with_base_details", lambda trial, _: trial)
-    monkeypatch.setattr(contest, "explained", lambda _: False)
-    law: Any = SimpleNamespace(name="creep")
-    # Other forms are given up where they are slow at twice the error of the one there is.
-    for is_near, forms in ((True, [(["another form"], (2.0,))]), (False, [])):
+    monkeypatch.setattr(contest, "with_base_details", lambda trial, *_: trial)
+    for noise, forms in ((False, [(["another form"], (2.0,))]), (True, [])):
+        monkeypatch.setattr(contest, "explained", lambda _, noise=noise: noise)
         tried.clear()
-        contest._shaped(BELOW, rungs[0], law, 1, is_near)
-        # So are details, which begin at what they are to improve, at a quarter more.
+        contest._shaped(BELOW, named("creep", 1.0), 1)
         assert tried == [([], (1.25,)), *forms]
 
 
@@ -283,7 +315,10 @@ def test_who_is_ahead_does_not_begin_at_what_another_one_does(
         assert other.suspect is not None
         begun.append((found.suspect.name, other.suspect.name))
 
-    monkeypatch.setattr(contest, "_chance", lambda _, found, *__: found)
+    monkeypatch.setattr(
+        contest, "_chance", lambda _, found, *__: contest._Chance(found, found.suspect, ())
+    )
+    monkeypatch.setattr(contest, "_further", lambda _, begun, *__, **___: begun.rung)
     monkeypatch.setattr(contest, "_explained", lambda _: False)
     monkeypatch.setattr(contest, "settled", lambda _: False)
     monkeypatch.setattr(contest, "_after", after)
