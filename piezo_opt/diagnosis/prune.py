@@ -7,8 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 
-import numpy as np
-
 from piezo_opt.diagnosis.contest import forgetful
 from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, rms
 from piezo_opt.diagnosis.refinements import plausible, shape_refinements, with_base_details
@@ -99,7 +97,7 @@ def _without(fit: Fit, held: HeldOut, threads: int, name: str) -> Fit | None:
     if any(fit.model[k.split(".")[0]].structural for k in freed):
         # What the fit has been given, the fits without a name have as well.
         trials = [trials[0], *(with_base_details(trial) for trial in trials[1:])]
-    poorer = [rung.fit for rung in race(fit, trials, threads, standing=fit, reach=np.inf)]
+    poorer = [rung.fit for rung in race(fit, trials, threads, standing=fit, patient=True)]
     if not poorer:
         return None
     least = min(poorer, key=_rms)

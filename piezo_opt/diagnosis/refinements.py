@@ -31,9 +31,6 @@ _KNOWN = 0.05
 """Relative standard deviation of a natural frequency that is seen without being shaken."""
 EXPLAINED = 1.08
 """Error over the noise floor up to which nothing is left to be won."""
-_BRIEF = 0.15
-"""Time constant over a sample below which a second pole of a lag is not seen: five times as fast it
-moves the response by 3.5 % at the highest frequency that there is, and by 1 % at half of that."""
 _ASIDE = 20
 """Iterations without a detail: whoever needs more without it has paid for it."""
 
@@ -216,12 +213,10 @@ def _details(fit: Fit, name: str) -> Trial | None:
     values = own(fit.values, name)
     finer, start = effect.finer(values)
     record = fit.question.campaign.records[0]
-    shortest = min((v for k, v in start.items() if finer.parameters[k].unit == "s"), default=np.inf)
-    if any(s.remanent for s in effect.declared_states.values()):
-        if shortest < record.step:
-            finer, start = effect, {}  # a memory that is gone at the next sample needs no detail
-    elif shortest < _BRIEF * record.step:
-        return None
+    if any(s.remanent for s in effect.declared_states.values()) and any(
+        finer.parameters[k].unit == "s" and v < record.step for k, v in start.items()
+    ):
+        finer, start = effect, {}  # a memory that is gone at the next sample needs no detail
     # A force that a time makes of the velocity needs a mass: a spring without one holds none.
     still = effect.place is Place.MOTION and any(isinstance(e, Spring) for _, e in fit.model)
     details = [

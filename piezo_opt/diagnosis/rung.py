@@ -37,12 +37,15 @@ _RACE = 1.5
 """Error over the best rival's beyond which a refit is out of the race..."""
 _PODIUM = 3
 """...unless it is among the best so many."""
+_OUTSIDE = 2.0
+"""Error over that of what stands beyond which a refit that has slowed down is given up before it is
+decided which are worth following."""
 _HOPELESS = 4.0
 """Error over that of a rival from an earlier race, or of what stands, beyond which nobody is
 followed."""
 _REACH = 1.2
-"""Error over that of what stands beyond which one that has slowed down is given up: not even in a
-group with it."""
+"""Error over that of what stands beyond which one that is followed is given up once it has slowed
+down: not even in a group with it."""
 _BEHIND = 1.1
 """Error over that of the fit below up to which more detail stays in the race."""
 
@@ -163,7 +166,7 @@ def race(
     rivals: Sequence[Rung] = (),
     begun: Sequence[Rung] = (),
     standing: Fit | None = None,
-    reach: float = _REACH,
+    patient: bool = False,
 ) -> list[Rung]:
     """Refit all trials; only those that are still near the best are followed to their end.
 
@@ -177,15 +180,16 @@ def race(
         rivals: refits of the same fit that have been followed before; not returned again.
         begun: refits that have been in a race before and are in this one from there; returned.
         standing: what stands where they would, and they are to reach, where there is such a fit.
-        reach: its error times this is what a refit that has slowed down must be below to go on.
+        patient: whether nobody is given up on the way there.
     """
     there = float("inf") if standing is None else standing.rms
+    outside, reach = (np.inf, np.inf) if patient else (_OUTSIDE * there, _REACH * there)
 
     def one(trial: Trial) -> Rung | None:
         try:
-            richer = solved(trial.question, trial.start, _FIRST, reach * there, mend=False)
+            richer = solved(trial.question, trial.start, _FIRST, outside, mend=False)
             if not np.isfinite(richer.rms):
-                richer = solved(trial.question, trial.start, _FIRST, reach * there)
+                richer = solved(trial.question, trial.start, _FIRST, outside)
         except NO_FIT:
             return None
         return Rung(trial, richer, bic_gain(fit, richer))
@@ -194,7 +198,7 @@ def race(
         if rung.fit.outcome.success and not too_coarse(rung.fit):
             return rung
         try:
-            richer = solved(rung.fit.question, rung.fit.values, _LATER, reach * there)
+            richer = solved(rung.fit.question, rung.fit.values, _LATER, reach)
         except NO_FIT:
             return rung
         return replace(rung, fit=richer, delta_bic=bic_gain(fit, richer))

@@ -311,10 +311,10 @@ def test_dropping_is_tried_from_fresh_starts_too(monkeypatch: pytest.MonkeyPatch
     seen: list[Trial] = []
 
     def nobody_arrives(
-        _: po.Fit, trials: list[Trial], __: int, *, standing: po.Fit, reach: float
+        _: po.Fit, trials: list[Trial], __: int, *, standing: po.Fit, patient: bool
     ) -> list[Rung]:
         assert standing is fit
-        assert reach == np.inf
+        assert patient
         seen.extend(trials)
         return []
 

@@ -67,9 +67,9 @@ def test_nobody_is_followed_far_behind_a_rival_of_an_earlier_race(followed: list
 def test_who_is_to_reach_what_stands_is_given_up_far_from_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Where a search slows down beyond what would put it in a group with what stands.
+    """At twice the error where a search slows down; four times the error is not followed.
 
-    Or beyond a reach that is told; four times the error is not followed.
+    Who is followed is given up beyond what would put it in a group with what stands.
     """
     asked: list[tuple[int, float]] = []
 
@@ -83,13 +83,13 @@ def test_who_is_to_reach_what_stands_is_given_up_far_from_it(
     monkeypatch.setattr(rung, "bic_gain", lambda *_: 0.0)
     trials = [entering(e) for e in (3.8, 4.1)]
     race(BELOW, trials, 1, standing=ending(1.0))
-    assert asked == [(rung._FIRST, 1.2), (rung._FIRST, 1.2), (rung._LATER, 1.2)]
+    assert asked == [(rung._FIRST, 2.0), (rung._FIRST, 2.0), (rung._LATER, 1.2)]
     asked.clear()
-    race(BELOW, trials, 1, standing=ending(1.0), reach=3.0)
-    assert asked == [(rung._FIRST, 3.0), (rung._FIRST, 3.0), (rung._LATER, 3.0)]
+    free = float("inf")
+    race(BELOW, trials, 1, standing=ending(1.0), patient=True)
+    assert asked == [(rung._FIRST, free), (rung._FIRST, free), (rung._LATER, free)]
     asked.clear()
     race(BELOW, trials, 1)
-    free = float("inf")
     assert asked == [(rung._FIRST, free)] * 2 + [(rung._LATER, free)] * 2
 
 
