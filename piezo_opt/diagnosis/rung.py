@@ -127,11 +127,12 @@ def solved(
         question: the question.
         start: values to begin at.
         iterations: most steps taken.
-        beyond: rms [m] at which a search that has slowed down is given up.
-        mend: whether sub-steps that have become far too coarse are chosen anew.
+        beyond: rms [m] at which a search that has slowed down is given up, and so is one that is
+            beyond it as soon as sub-steps that have become far too coarse are chosen anew.
+        mend: whether they are.
     """
     solver = LevenbergMarquardt(iterations=iterations, tolerance=_CLOSE, beyond=beyond)
-    coarse = SingleShooting(refine=False, mend=mend)
+    coarse = SingleShooting(refine=False, mend=beyond if mend else 0.0)
     return _heeding(
         solve(question, start=start, solver=solver, transcription=coarse, statistics=False)
     )

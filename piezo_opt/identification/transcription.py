@@ -53,14 +53,16 @@ class SingleShooting:
         refine: whether sub-steps are chosen anew at the solution, and the fit repeated where
             they had been too coarse; without it the scheme may bias what a long record knows
             very well (a resonance), which does not matter for a comparison of models.
-        mend: whether, where they are not refined, sub-steps whose error has become a good part of
-            what is left are chosen anew all the same: a search finds where the scheme errs in its
-            favour (two loops in series, at steps of the drive). Without it
-            :func:`piezo_opt.identification.too_coarse` tells of a fit whether that is so.
+        mend: rms [m] up to which, where they are not refined, sub-steps whose error has become a
+            good part of what is left are chosen anew and the fit is repeated all the same: a search
+            finds where the scheme errs in its favour (two loops in series, at steps of the drive).
+            A fit that leaves more with the new ones is told with them and not repeated. With 0
+            nothing is chosen anew, and :func:`piezo_opt.identification.too_coarse` tells of a fit
+            whether it should be.
     """
 
     refine: bool = True
-    mend: bool = True
+    mend: float = np.inf
 
     @property
     def name(self) -> str:
@@ -96,8 +98,10 @@ class SingleShooting:
             solution = taken.minimise(objective, solution.theta)
         elif self.refine:
             solution = replace(solution, point=None)  # on other sub-steps than were chosen since
-        elif self.mend and objective.mended(solution.theta, solution.point):
-            solution = taken.minimise(objective, solution.theta)
-            if objective.mended(solution.theta, solution.point):
+        elif self.mend > 0.0 and objective.mended(solution.theta, solution.point):
+            told = objective.rms(objective.residual(solution.theta))
+            if told <= self.mend:
+                solution = taken.minimise(objective, solution.theta)
+            if told > self.mend or objective.mended(solution.theta, solution.point):
                 solution = replace(solution, point=None)  # told on the sub-steps that it needs
         return replace(solution, accuracy=objective.accuracy)

@@ -93,6 +93,23 @@ def test_who_is_to_reach_what_stands_is_given_up_far_from_it(
     assert asked == [(rung._FIRST, free)] * 2 + [(rung._LATER, free)] * 2
 
 
+def test_who_is_given_up_beyond_an_error_is_not_mended_beyond_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[tuple[float, float]] = []
+
+    def solve(*_: Any, solver: Any, transcription: Any, **__: Any) -> Any:
+        asked.append((solver.beyond, transcription.mend))
+        return SimpleNamespace(outcome=SimpleNamespace(ending=Ending.LIMIT))
+
+    monkeypatch.setattr(rung, "solve", solve)
+    rung.solved(BELOW, {}, 10, 2.0)
+    rung.solved(BELOW, {}, 10, 2.0, mend=False)
+    rung.solved(BELOW, {}, 10)
+    free = float("inf")
+    assert asked == [(2.0, 2.0), (2.0, 0.0), (free, free)]
+
+
 def test_an_interrupt_ends_more_than_the_fit_that_it_meets(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -404,14 +404,24 @@ def test_sub_steps_that_err_by_what_is_left_are_chosen_anew_even_for_a_compariso
     )
     assert solution.point is not None
     assert objective.rms(solution.point.residual) == pytest.approx(after)
+    # Who leaves too much with the new ones is told so, and not fitted with them.
+    for mend, runs in ((0.9 * after, 1), (1.1 * after, 2)):
+        jump = Jump(there)
+        fit = po.solve(
+            question, start=calm, solver=jump, statistics=False,
+            transcription=SingleShooting(refine=False, mend=mend),
+        )  # fmt: skip
+        assert jump.runs == runs
+        assert fit.rms == pytest.approx(after)
+        assert not too_coarse(fit)
     # Unless that is left for later, for those that are worth it; which can be told of the fit.
-    for mend, left in ((False, before), (True, after)):
+    for mend, left in ((0.0, before), (np.inf, after)):
         fit = po.solve(
             question, start=calm, solver=Jump(there), statistics=False,
             transcription=SingleShooting(refine=False, mend=mend),
         )  # fmt: skip
         assert fit.rms == pytest.approx(left)
-        assert too_coarse(fit) is not mend
+        assert too_coarse(fit) is not bool(mend)
 
 
 class Jump:
@@ -421,8 +431,10 @@ class Jump:
 
     def __init__(self, to: FloatArray) -> None:
         self._to = to
+        self.runs = 0
 
     def minimise(self, objective: Objective, start: FloatArray) -> Solution:
+        self.runs += 1
         return Solution(self._to, Ending.CONVERGED, "", point=objective.linearised(self._to))
 
 
