@@ -75,6 +75,7 @@ def refits(
     bar: float,
     tell: Callable[[str], None],
     threads: int,
+    known: Sequence[Rung] = (),
 ) -> tuple[list[Rung], list[Rung]]:
     """Refits with what a fit may be missing, each brought as far as it can be, best BIC first.
 
@@ -86,6 +87,7 @@ def refits(
         bar: p-value below which a suspect is worth a refit.
         tell: called with a sentence about what is going on.
         threads: refits that run at a time.
+        known: refits of every effect from a fresh start, where that was asked before at the foot.
 
     Returns:
         the refits, and those of every effect from a fresh start, where that was asked.
@@ -95,6 +97,7 @@ def refits(
     trials = refinements(fit)
     rungs: list[Rung] = []
     fresh: list[Trial] = []
+    begun: list[Rung] = []
     if short or trials:
         tell(_refitting(short))
         rungs = race(fit, [*trials, *(with_base_details(adding(fit, s)) for s in short)], threads)
@@ -118,10 +121,13 @@ def refits(
         lost = doubtful or missing or (closest.rms > _LOST * floor and not told)
         tell(f"{_refitting(more)}{', and all from a fresh start' if lost else ''}")
         bent = [with_base_details(adding(fit, s)) for s in more]
-        fresh = entrants(fit, held.question, suspects, threads) if lost else []
+        if lost:
+            before = known if first else ()
+            fresh, begun = entrants(fit, held.question, suspects, threads, before)
         if not first:
             fresh = [with_base_details(trial) for trial in fresh]
-        rungs += race(fit, [*bent, *fresh], threads, rivals=rungs)
+        rungs += race(fit, [*bent, *fresh], threads, rivals=rungs, begun=begun)
+    fresh += [rung.trial for rung in begun]
     entered = {id(trial) for trial in fresh}
     afresh = [rung for rung in rungs if id(rung.trial) in entered]
     found = _contested(fit, rungs, held, threads)

@@ -143,8 +143,9 @@ class _Climb:
         first = not at.steps
         bar = SIGNIFICANT if self.held.record is not None else SHORT
         rungs, afresh = refits(
-            at.fit, self.held, at.now, first=first, bar=bar, tell=self.tell, threads=self.threads
-        )
+            at.fit, self.held, at.now, first=first, bar=bar, tell=self.tell, threads=self.threads,
+            known=at.alone,
+        )  # fmt: skip
         at = replace(at, alone=tuple(afresh)) if first and afresh else at
         ranked = ordered(rungs, self.held, self.threads)
         taken = chosen(at.fit, at.error, ranked, self.held, first=first)

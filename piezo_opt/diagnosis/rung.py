@@ -179,7 +179,8 @@ def race(
             what the model has unless it is behind.
         podium: refits that are followed however far behind the best.
         rivals: refits of the same fit that have been followed before; not returned again.
-        begun: refits that have been in a race before and are in this one from there; returned.
+        begun: refits, of this fit or another one, that have been in a race before and are in this
+            one from there; returned.
         standing: what stands where they would, and they are to reach, where there is such a fit.
         patient: whether nobody is given up on the way there.
     """
@@ -205,7 +206,8 @@ def race(
         return replace(rung, fit=richer, delta_bic=bic_gain(fit, richer))
 
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        rungs = [*begun, *(rung for rung in pool.map(one, trials) if rung is not None)]
+        rungs = [replace(rung, delta_bic=bic_gain(fit, rung.fit)) for rung in begun]
+        rungs += [rung for rung in pool.map(one, trials) if rung is not None]
         if not rungs:
             return []
         ranked = sorted(r.fit.rms for r in rungs)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from piezo_opt.diagnosis.base_point import BasePoint, base_point
 from piezo_opt.diagnosis.contest import beside
 from piezo_opt.diagnosis.refinements import moved, stiffened
-from piezo_opt.diagnosis.rung import Trial
+from piezo_opt.diagnosis.rung import Rung, Trial
 from piezo_opt.diagnosis.scores import Suspect, Unscored, score
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.errors import NO_FIT
@@ -73,8 +73,12 @@ def further(suspects: Sequence[Suspect], short: Sequence[Suspect]) -> list[Suspe
 
 
 def entrants(
-    fit: Fit, given: Identification, suspects: Sequence[Suspect], threads: int
-) -> list[Trial]:
+    fit: Fit,
+    given: Identification,
+    suspects: Sequence[Suspect],
+    threads: int,
+    known: Sequence[Rung] = (),
+) -> tuple[list[Trial], list[Rung]]:
     """Every suspect beside a base model that has not been bent to do without it.
 
     A fit that lacks an effect may have run far away to imitate it (a loop so wide that it drifts):
@@ -86,8 +90,18 @@ def entrants(
         given: the question at the foot of the ladder.
         suspects: who may enter; each form of an effect is one.
         threads: searches for a start that run at a time.
+        known: refits of entrants of before, of which none is begun twice.
+
+    Returns:
+        who begins, and who has begun before.
     """
-    trials = [beside(fit, given, suspect)[0] for suspect in suspects]
+    before = {rung.fit.model: rung for rung in known}
+    entering = [beside(fit, given, suspect)[0] for suspect in suspects]
+    begun = [
+        replace(rung, trial=replace(trial, start=rung.trial.start)) for trial in entering
+        if (rung := before.get(trial.question.model)) is not None
+    ]  # fmt: skip
+    trials = [trial for trial in entering if trial.question.model not in before]
     # What they stand beside is the same, but for mechanics that some of them need.
     bases: dict[tuple[str, ...], Values | None] = {}
     for trial in trials:
@@ -102,7 +116,7 @@ def entrants(
         return None if start is None else replace(trial, start=start)
 
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        return [trial for trial in pool.map(placed, trials) if trial is not None]
+        return [trial for trial in pool.map(placed, trials) if trial is not None], begun
 
 
 def _begun(question: Identification, base: Values | None) -> Values | None:

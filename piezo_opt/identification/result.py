@@ -28,6 +28,8 @@ from piezo_opt.values import Values
 FloatArray = NDArray[np.float64]
 
 SCHEMA = "piezo_opt/fit/1"
+_CLOSE = 1e-5
+"""Decrease of the cost at which the start of a record is known well enough to compare models."""
 
 
 @final
@@ -176,10 +178,15 @@ class Fit:
         unknown = unknowns(question, Values({**Values.nominal(self.model), **question.given()}))
         theta = theta_of(unknown, question.given())
         objective = self._objective(question, unknown, theta)
+        point = None
         if theta.size:
-            theta = LevenbergMarquardt(tolerance=1e-7).minimise(objective, theta).theta
+            solver = LevenbergMarquardt(tolerance=1e-7 if refine else _CLOSE)
+            found = solver.minimise(objective, theta)
+            theta, point = found.theta, found.point
         if refine:
             objective.refine(theta)
+        elif point is not None:
+            return point.readings[0]
         return objective.readings(theta)[0]
 
     def _objective(

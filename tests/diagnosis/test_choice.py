@@ -360,7 +360,7 @@ def all_afresh(
     monkeypatch.setattr(choice, "settled", lambda _: calm)
     monkeypatch.setattr(choice, "_unsettled", lambda *_, **__: left)
     monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
-    monkeypatch.setattr(choice, "entrants", lambda *given: asked.append(given[2]) or [])
+    monkeypatch.setattr(choice, "entrants", lambda *given: asked.append(given[2]) or ([], []))
     monkeypatch.setattr(choice, "contest", lambda _, rungs, *__, **___: rungs)
     everybody = (suspect("drift"),)
     everybody[0].score = 0.0
@@ -458,7 +458,7 @@ def test_who_explains_one_record_and_misses_one_like_it_is_begun_afresh(
     monkeypatch.setattr(choice, "settled", lambda _: True)
     monkeypatch.setattr(choice, "plausible", lambda _: True)
     monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
-    monkeypatch.setattr(choice, "entrants", lambda *_: [])
+    monkeypatch.setattr(choice, "entrants", lambda *_: ([], []))
     monkeypatch.setattr(choice, "contest", contest)
     choice.refits(fit(9.0), JUDGED, (), first=True, bar=-1.0, tell=lambda _: None, threads=1)
     assert told == [afresh]
@@ -467,22 +467,29 @@ def test_who_explains_one_record_and_misses_one_like_it_is_begun_afresh(
 @pytest.mark.usefixtures("unit_noise")
 @pytest.mark.parametrize(
     ("first", "helped", "raced"),
-    [(True, False, ["plain", "detailed"]), (True, True, ["plain"]), (False, False, ["detailed"])],
-)
+    [
+        (True, False, ["plain", "detailed", "detailed"]), (True, True, ["plain"]),
+        (False, False, ["detailed"]),
+    ],
+)  # fmt: skip
 def test_where_nobody_helps_every_effect_is_begun_beside_the_details_of_the_base(
     first: bool, helped: bool, raced: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Asymmetry beside a loop whose exponent is fixed explains nothing, and all beside a free one.
 
-    Beside what was found the details are free from the first, and nobody is begun twice.
+    Beside what was found the details are free from the first, and nobody is begun twice; before
+    that, who has begun in an earlier round is not begun again, only with the details.
     """
     seen: list[Any] = []
     contests = iter([helped, True])
     near = effect("bent", 5.0)
+    known = replace(near, trial="known")  # type: ignore[arg-type]
 
-    def race(_: Any, trials: Sequence[Any], __: int, **___: Any) -> list[Rung]:
+    def race(
+        _: Any, trials: Sequence[Any], __: int, begun: Sequence[Rung] = (), **___: Any
+    ) -> list[Rung]:
         seen.extend(trials)
-        return [near, *(replace(near, trial=trial) for trial in trials)]
+        return [near, *(replace(near, trial=trial) for trial in trials), *begun]
 
     def contest(_: Any, rungs: list[Rung], *__: object, **___: object) -> list[Rung]:
         return rungs if next(contests) else []
@@ -493,14 +500,14 @@ def test_where_nobody_helps_every_effect_is_begun_beside_the_details_of_the_base
     monkeypatch.setattr(choice, "plausible", lambda _: True)
     monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
     monkeypatch.setattr(choice, "further", lambda *_: [])
-    monkeypatch.setattr(choice, "entrants", lambda *_: ["plain"])
+    monkeypatch.setattr(choice, "entrants", lambda *given: (["plain"], list(given[4])))
     monkeypatch.setattr(choice, "with_base_details", lambda _: "detailed")
     monkeypatch.setattr(choice, "contest", contest)
     found, afresh = choice.refits(
-        fit(9.0), JUDGED, (), first=first, bar=-1.0, tell=lambda _: None, threads=1
+        fit(9.0), JUDGED, (), first=first, bar=-1.0, tell=lambda _: None, threads=1, known=[known]
     )
     # Those beside details are not told as begun afresh: a search for pairs begins without them.
-    assert [rung.trial for rung in afresh] == raced[:1]
+    assert [rung.trial for rung in afresh] == (["plain", "known"] if first else ["detailed"])
     assert seen == raced
     assert bool(found) is (first or helped)
 

@@ -450,7 +450,8 @@ def test_everybody_enters_beside_a_base_that_has_forgotten() -> None:
     suspects, _ = score(
         BasePoint(bent), [Creep(), Creep(elements=1), Friction()], 1, BasePoint(moving(bent))
     )
-    trials = entrants(bent, po.Identification(STILL, fit.records[0]), suspects, 2)
+    trials, begun = entrants(bent, po.Identification(STILL, fit.records[0]), suspects, 2)
+    assert not begun
     assert [t.suspect for t in trials] == list(suspects)
     for trial in trials:
         assert trial.suspect is not None
@@ -460,6 +461,33 @@ def test_everybody_enters_beside_a_base_that_has_forgotten() -> None:
         assert not trial.question.fixed
     (single,) = (t for t in trials if t.suspect and t.suspect.effect == Creep(elements=1))
     assert solved(single.question, single.start).rms == pytest.approx(NOISE, rel=0.05)
+
+
+def test_who_began_at_the_foot_is_not_begun_again_beside_a_detail_of_it() -> None:
+    """The base that all begin beside has forgotten the detail as well: it would be the same fit."""
+    time = clock(2000)
+    creep = Creep(elements=1), {"c": 0.03, "tau": 0.1}
+    fit = fitted(STILL, measured(STILL, time, rich(time), creep))
+    foot = po.Identification(STILL, fit.records[0])
+    offered: list[Effect] = [Creep(elements=1), Drift()]
+    suspects, _ = score(BasePoint(fit), offered, 1)
+    first, _ = entrants(fit, foot, suspects, 1)
+    known = race(fit, first[:1], 1)
+    (detail, *_) = base_refinements(fit)
+    finer = solved(detail.question, detail.start)
+    assert "bouc_wen.n" in finer.names
+    anew, _ = score(BasePoint(finer), offered, 1)
+    trials, begun = entrants(finer, foot, anew, 1, known)
+    (again,) = begun
+    assert again.fit is known[0].fit
+    assert again.suspect is not None
+    assert any(again.suspect is suspect for suspect in anew)
+    assert again.trial.start == first[0].start
+    assert [t.question.model for t in trials] == [first[1].question.model]
+    assert dict(trials[0].start) == pytest.approx(dict(first[1].start))
+    # What is told of it is told over the fit that there is now.
+    (told,) = race(finer, [], 1, begun=begun)
+    assert told.delta_bic == pytest.approx(bic_gain(finer, told.fit))
 
 
 def moving(fit: po.Fit) -> po.Fit:

@@ -348,7 +348,7 @@ def test_what_is_lost_is_tried_afresh(monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[bool] = []
     tried = choice.entrants
 
-    def counted(*given: Any) -> list[Trial]:
+    def counted(*given: Any) -> Any:
         begun.append(True)
         return tried(*given)
 
@@ -384,21 +384,26 @@ def test_two_steps_are_brought_to_their_detail_before_pairs_are_asked_for() -> N
     assert way.detailed(finer) is finer
 
 
-def test_pairs_are_told_who_began_afresh_at_the_foot(
+def test_later_rounds_and_pairs_are_told_who_began_afresh_at_the_foot(
     two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Beside what was found nobody begins beside the model of the foot."""
     ladder, held = two
     known: list[Any] = []
     rounds = iter([([], ["alone"]), ([], []), ([], ["beside another"])])
-    monkeypatch.setattr(module, "refits", lambda *_, **__: next(rounds))
+
+    def refits(*_: Any, **given: Any) -> Any:
+        known.append(given["known"])
+        return next(rounds)
+
+    monkeypatch.setattr(module, "refits", refits)
     monkeypatch.setattr(module, "pair", lambda *_, **given: known.append(given["known"]))
     way = module._Climb(ladder.baseline, (), held, [], lambda _: None, 1)
     at, _ = way.choice(module._Stand(ladder.baseline, None, ()))
     at, _ = way.choice(at)
     at, _ = way.choice(replace(at, steps=ladder.steps))
     assert way.together(at) is None
-    assert known == [("alone",)]
+    assert known == [(), ("alone",), ("alone",), ("alone",)]
 
 
 def test_details_come_before_pairs_and_pairs_are_asked_for_once(

@@ -153,7 +153,7 @@ def test_who_has_been_fitted_alone_is_not_fitted_again(monkeypatch: pytest.Monke
     """Those that a ladder began afresh at its foot are what a search for pairs would fit first."""
     foot, held = below_resonance()
     suspects, _ = scored(foot, OFFERED, 2)
-    fresh = entrants(foot, held.question, suspects, 2)
+    fresh, _ = entrants(foot, held.question, suspects, 2)
     known = race(foot, fresh, 2)
     begun: list[po.Model] = []
     anew = pairs.starting_values
