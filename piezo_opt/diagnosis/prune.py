@@ -97,7 +97,7 @@ def _without(fit: Fit, held: HeldOut, threads: int, name: str) -> Fit | None:
     if any(fit.model[k.split(".")[0]].structural for k in freed):
         # What the fit has been given, the fits without a name have as well.
         trials = [trials[0], *(with_base_details(trial) for trial in trials[1:])]
-    poorer = [rung.fit for rung in race(fit, trials, threads, standing=fit, patient=True)]
+    poorer = [rung.fit for rung in race(fit, trials, threads)]
     if not poorer:
         return None
     least = min(poorer, key=_rms)

@@ -167,7 +167,6 @@ def race(
     rivals: Sequence[Rung] = (),
     begun: Sequence[Rung] = (),
     standing: Fit | None = None,
-    patient: bool = False,
 ) -> list[Rung]:
     """Refit all trials; only those that are still near the best are followed to their end.
 
@@ -182,16 +181,14 @@ def race(
         begun: refits, of this fit or another one, that have been in a race before and are in this
             one from there; returned.
         standing: what stands where they would, and they are to reach, where there is such a fit.
-        patient: whether nobody is given up on the way there.
     """
     there = float("inf") if standing is None else standing.rms
-    outside, reach = (np.inf, np.inf) if patient else (_OUTSIDE * there, _REACH * there)
 
     def one(trial: Trial) -> Rung | None:
         try:
-            richer = solved(trial.question, trial.start, _FIRST, outside, mend=False)
+            richer = solved(trial.question, trial.start, _FIRST, _OUTSIDE * there, mend=False)
             if not np.isfinite(richer.rms):
-                richer = solved(trial.question, trial.start, _FIRST, outside)
+                richer = solved(trial.question, trial.start, _FIRST, _OUTSIDE * there)
         except NO_FIT:
             return None
         return Rung(trial, richer, bic_gain(fit, richer))
@@ -200,7 +197,7 @@ def race(
         if rung.fit.outcome.success and not too_coarse(rung.fit):
             return rung
         try:
-            richer = solved(rung.fit.question, rung.fit.values, _LATER, reach)
+            richer = solved(rung.fit.question, rung.fit.values, _LATER, _REACH * there)
         except NO_FIT:
             return rung
         return replace(rung, fit=richer, delta_bic=bic_gain(fit, richer))
