@@ -289,6 +289,16 @@ def astray(fit: Fit, held: HeldOut, *, several: bool) -> bool:
     return over > _LOST or ((several or over > _NOISY) and _mispredicts(fit, held, FOREIGN))
 
 
+def misjudged(fit: Fit, held: HeldOut) -> bool:
+    """Whether a fit predicts the other record worse than it fits its own: a name may be its kin's.
+
+    Args:
+        fit: the fit.
+        held: whose record is the other one.
+    """
+    return _mispredicts(fit, held, _DOUBTFUL)
+
+
 def _unsettled(fit: Fit, *, first: bool) -> bool:
     """Whether a residual may yet be no noise: it shows structure, or (at first) it is slow."""
     floor = noise_floor(fit)

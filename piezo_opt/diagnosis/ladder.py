@@ -15,6 +15,7 @@ from piezo_opt.diagnosis.choice import (
     SIGNIFICANT,
     astray,
     chosen,
+    misjudged,
     nothing_to_win,
     ordered,
     refits,
@@ -288,12 +289,15 @@ class _Climb:
         An effect that still explains a significant part, too small for a name, may be what a step
         stands for, also where it explained nothing before. A lone step that brought mechanics was
         compared with effects that had none. And of several that miss the other record the last one
-        may have been taken before its rivals were brought as far.
+        may have been taken before its rivals were brought as far; where they miss it by less, those
+        that the record did not tell from a step before the others were there are asked.
         """
         joined = any(e.structural and n not in self.foot.model for n, e in at.fit.model)
         fresh = self.scored(at)
         likely = {suspect.name for suspect in fresh.now if suspect.p_value < LIKELY}
         lost = self.lost(at)
+        if len(at.steps) > 1 and misjudged(at.fit, self.held):
+            likely |= {name for step in at.steps for name in step.group if name != step.name}
         if not likely and not lost:
             return fresh
         answer = exchange(

@@ -607,6 +607,25 @@ def test_each_of_several_is_asked_for_its_place_where_they_miss_the_other_record
     assert [(options["last"], options["also"]) for options in exchanges] == asked
 
 
+@pytest.mark.parametrize(
+    ("missed", "steps", "asked"), [(True, 2, [(False, {"kin"})]), (False, 2, []), (True, 1, [])]
+)
+def test_who_was_in_a_group_is_asked_where_several_predict_worse_than_they_fit(
+    two: tuple[Ladder, HeldOut], exchanges: list[dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch, missed: bool, steps: int, asked: list[Any],
+) -> None:  # fmt: skip
+    """Friction beside a lag left 1.003 noises here and 1.9 there, a mount 0.999 and 1.1."""
+    ladder, held = two
+    monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
+    monkeypatch.setattr(module, "astray", lambda *_, **__: False)
+    monkeypatch.setattr(module, "misjudged", lambda _, by: missed and by is held)
+    way = module._Climb(ladder.baseline, (), held, [], lambda _: None, 1)
+    first, *later = ladder.steps[:steps]
+    grouped = (replace(first, group=(first.name, "kin")), *later)
+    way.reconsidered(module._Stand(ladder.final, None, (), grouped))
+    assert [(options["last"], options["also"]) for options in exchanges] == asked
+
+
 @pytest.mark.parametrize("quiet", [True, False])
 def test_steps_are_asked_again_at_the_end(
     two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, quiet: bool

@@ -717,6 +717,29 @@ def test_sliding_friction_carries_its_coulomb_force_against_the_motion() -> None
     assert np.abs(states["friction.z"]).max() <= 1.0 + 1e-9
 
 
+@pytest.mark.parametrize("exponent", [0.8, 0.95, 1.0])
+def test_a_contact_that_slides_for_long_keeps_its_derivatives(exponent: float) -> None:
+    """Below an exponent of 1 it slides after a finite way, where its law has no derivative."""
+    time = np.linspace(0, 0.4, 401)
+    drive = np.interp(time, [0, 0.1, 0.3, 0.4], [0, 60, -60, 0])
+    model = PiezoGain() + SecondOrder() + Friction()
+    values = po.Values.nominal(model).with_(
+        {"friction.F": 20.0, "friction.z0": 2e-7, "friction.n": exponent, "second_order.zeta": 0.5}
+    )
+    moved = ("friction.F", "friction.z0", "friction.n")
+    run = Simulator(
+        model, Measurement(time, drive, 1e-7 * drive, allow_saturated=True), values,
+        directions=moved, substeps=Substeps(2e-5, 1.0),
+    )  # fmt: skip
+    _, slopes = run.with_sensitivities(values)
+    for moment, sign in ((0.09, -1.0), (0.29, 1.0), (0.39, -1.0)):
+        force, way, _ = slopes[int(np.argmin(np.abs(time - moment)))]
+        assert force == pytest.approx(sign / values["second_order.omega"] ** 2, rel=0.03)
+        # How soon it gave way is forgotten.
+        assert abs(way) * values["friction.z0"] < 0.05 * 20.0 / values["second_order.omega"] ** 2
+    assert np.abs(slopes * [20.0, 2e-7, 1.0]).max() < 1e-6
+
+
 def test_stribeck_friction_is_larger_at_low_speed() -> None:
     time = np.linspace(0, 0.2, 201)
     drive = 100.0 * time

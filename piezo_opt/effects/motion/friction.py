@@ -9,6 +9,9 @@ from typing import Any, final
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
 from piezo_opt.symbolic import abs_, exp, power_, sign_, tanh
 
+_SLIDING = 1e-6
+"""Way left into sliding that is none: below an exponent of 1 its power has no derivative at 0."""
+
 
 @final
 @dataclass(frozen=True)
@@ -78,6 +81,6 @@ class Friction(Effect):
         if self.smooth:
             return Equations(gives=-p.F * tanh(w / p.w_c))
         level = 1.0 + (p.stribeck - 1.0) * exp(-((w / p.w_s) ** 2))
-        left = power_(abs_(1.0 - sign_(w) * x.z / level), p.n - 1.0)
+        left = power_(abs_(1.0 - sign_(w) * x.z / level) + _SLIDING, p.n - 1.0)
         rate = left * (w - abs_(w) * x.z / level) / p.z0
         return Equations(gives=-p.F * (x.z + p.tau * rate), moves={"z": rate})
