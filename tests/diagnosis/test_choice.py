@@ -316,6 +316,14 @@ def test_names_are_asked_for_again_at_the_end_where_details_came_after_them(
     assert asked == ([False, True] if refined else [False])
 
 
+@pytest.mark.usefixtures("judged")
+@pytest.mark.parametrize(("elsewhere", "missed"), [(1.29, False), (1.31, True)])
+def test_a_fit_that_predicts_three_tenths_worse_than_it_fits_may_have_a_wrong_name(
+    elsewhere: float, missed: bool
+) -> None:
+    assert choice.misjudged(effect("any", 1.0, elsewhere).fit, JUDGED) is missed
+
+
 @pytest.mark.usefixtures("unit_noise")
 @pytest.mark.parametrize(("left", "told"), [(8.0, False), (1.0, True)])
 def test_groups_are_told_again_where_but_noise_is_left(
