@@ -25,8 +25,8 @@ class Friction(Effect):
 
     z runs within -g..g, so that F is the Coulomb force per unit mass and F / z0 the stiffness
     before sliding; n is how soon it gives way. stribeck is static over sliding friction, tau the
-    micro-damping; with their defaults 1 and 0 the law is Dahl's. In the power |r| has 1e-6 added, so
-    that it has derivatives where the contact slides. The smooth form, Coulomb's as most
+    micro-damping; with their defaults 1 and 0 the law is Dahl's. In the power |r| has 1e-6 added:
+    there are derivatives then where the contact slides. The smooth form, Coulomb's as most
     simulations have it, has no presliding: below w_c it is viscous. Viscous damping is
     second_order's.
 
