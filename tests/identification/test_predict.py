@@ -63,6 +63,18 @@ def test_of_another_record_only_zero_and_start_are_estimated(fit: po.Fit) -> Non
     assert slope == pytest.approx(1e-8, rel=0.2)
 
 
+def test_a_prediction_that_only_compares_models_is_that_of_a_fine_one(fit: po.Fit) -> None:
+    """But for the scheme; also where the start lies far from what a linear step would find."""
+    moved = {**TRUTH, "offset.y0": -4e-6}
+    other = record(STILL, moved, TIME, 0.9 * DRIVE, noise=NOISE, seed=5).slice(1.3, None)
+    stroke = float(np.ptp(other.position))
+    rough, fine = fit.predict(other, refine=False), fit.predict(other)
+    assert rough.shape == fine.shape
+    np.testing.assert_allclose(rough, fine, rtol=0, atol=5e-5 * stroke)
+    errors = [np.sqrt(np.mean((other.position - read) ** 2)) for read in (rough, fine)]
+    assert errors[0] == pytest.approx(errors[1], rel=1e-3)
+
+
 def test_another_record_keeps_an_offset_that_the_user_has_fixed() -> None:
     fixed = {"offset.y0": TRUTH["offset.y0"]}
     fit = po.solve(po.Identification(STILL, WHOLE, fixed=fixed, start=po.Start.REST))
