@@ -138,6 +138,29 @@ def refits(
     return found, afresh
 
 
+def refits_afresh(
+    fit: Fit,
+    held: HeldOut,
+    suspects: Sequence[Suspect],
+    tell: Callable[[str], None],
+    threads: int,
+    known: Sequence[Rung] = (),
+) -> list[Rung]:
+    """Refits with every effect from a fresh start, each brought as far as it can be, best first.
+
+    Args:
+        fit: the fit at the foot of the ladder.
+        held: whose question is that at the foot.
+        suspects: scores of all effects there.
+        tell: called with a sentence about what is going on.
+        threads: refits that run at a time.
+        known: refits of every effect from a fresh start, where that was asked before.
+    """
+    tell("refitting with every effect from a fresh start")
+    trials, begun = entrants(fit, held.question, suspects, threads, known)
+    return _contested(fit, race(fit, trials, threads, begun=begun), held, threads)
+
+
 def _on_mechanics(
     fit: Fit, rungs: Sequence[Rung], suspects: Sequence[Suspect], bar: float, threads: int
 ) -> list[Trial]:
@@ -287,6 +310,14 @@ def astray(fit: Fit, held: HeldOut, *, several: bool) -> bool:
     """
     over = fit.rms / noise_floor(fit).rms
     return over > _LOST or ((several or over > _NOISY) and _mispredicts(fit, held, FOREIGN))
+
+
+def short_of_noise(fit: Fit, held: HeldOut) -> bool:
+    """Whether a fit leaves more than noise, and no slow noise that the other record bears out."""
+    floor = noise_floor(fit)
+    if fit.rms <= _NOISY * floor.rms:
+        return False
+    return structure(fit, floor).left or misjudged(fit, held)
 
 
 def misjudged(fit: Fit, held: HeldOut) -> bool:

@@ -21,7 +21,9 @@ from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.refinements import (
     base_refinements,
     explained,
+    forms,
     massless,
+    mechanics_trial,
     other_forms,
     plausible,
     shape_refinements,
@@ -211,13 +213,24 @@ def _after(fit: Fit, rung: Rung, other: Rung, threads: int) -> Rung | None:
     assert rung.suspect is not None
     assert other.suspect is not None
     theirs, name = other.suspect.name, rung.suspect.name
-    imitated = rung.suspect.effect.like(theirs, own(other.fit.values, theirs))
-    if imitated is None:
+    does = own(other.fit.values, theirs)
+    # Not every form can, and the one that is ahead may be another one.
+    able = ((e, e.like(theirs, does)) for e in (rung.suspect.effect, *forms(rung.suspect.effect)))
+    effect, imitated = next(((e, v) for e, v in able if v is not None), (None, None))
+    if effect is None or imitated is None:
         return None
-    model = other.fit.model.replaced(theirs, rung.suspect.effect)
-    start = {**other.fit.values, **{f"{name}.{k}": v for k, v in imitated.items()}}
-    trial = Trial(other.fit.question.with_model(model), start, rung.suspect)
-    best = _best(fit, rung, [trial], rung.suspect, threads)
+    model = other.fit.model.replaced(theirs, effect)
+    question = other.fit.question.with_model(model)
+    begun = {f"{name}.{k}": v for k, v in imitated.items()}
+    known = (*question.free, *question.fixed)
+    details = tuple(k for k in begun if model.parameters[k].detail and k not in known)
+    # A detail that the imitation moves is free as if it had been asked for, and need not be moved.
+    usual = {**begun, **{k: model.parameters[k].nominal for k in details}}
+    trials = [Trial(question, {**other.fit.values, **usual}, rung.suspect)]
+    if details:
+        finer = replace(question, free=(*question.free, *details))
+        trials.append(Trial(finer, {**other.fit.values, **begun}, rung.suspect, refines=details))
+    best = _best(fit, rung, trials, rung.suspect, threads)
     return None if best is rung else _shaped(fit, best, threads)
 
 
@@ -235,7 +248,8 @@ def _detailed(fit: Fit, best: Rung, suspect: Suspect, threads: int) -> Rung:
         if all(name.startswith(f"{suspect.name}.") for name in trial.refines)
     ]  # fmt: skip
     # Begun at what they are to improve: whoever has lost that and hardly falls will not.
-    return _best(fit, best, details, suspect, threads, _SECOND * best.fit.rms)
+    detailed = _best(fit, best, details, suspect, threads, _SECOND * best.fit.rms)
+    return _moving(fit, best, detailed, suspect, threads)
 
 
 def _formed(fit: Fit, best: Rung, suspect: Suspect, threads: int) -> Rung:
@@ -244,7 +258,14 @@ def _formed(fit: Fit, best: Rung, suspect: Suspect, threads: int) -> Rung:
         return best
     # A form that is exact in its details and the base model's may be behind without them.
     others = [with_base_details(t, suspect.name) for t in other_forms(best.fit, suspect.name)]
-    return _best(fit, best, others, suspect, threads, _OUTSIDE * best.fit.rms)
+    formed = _best(fit, best, others, suspect, threads, _OUTSIDE * best.fit.rms)
+    return _moving(fit, best, formed, suspect, threads)
+
+
+def _moving(fit: Fit, before: Rung, best: Rung, suspect: Suspect, threads: int) -> Rung:
+    """A contender in another shape with the mechanics that its shape of before may have hidden."""
+    mechanics = None if best is before else mechanics_trial(best.fit)
+    return best if mechanics is None else _best(fit, best, [mechanics], suspect, threads)
 
 
 def _best(

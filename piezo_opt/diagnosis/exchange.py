@@ -32,6 +32,8 @@ LIKELY = 1e-3
 """Corrected p-value below which a rival is fitted."""
 _NEAR = 1.5
 """Error over the best rival's up to which another one is tried in more detail."""
+_AHEAD = 0.8
+"""Error of a later step alone over that of the first one alone up to which it comes first."""
 _MOST = 3
 """Rivals that are tried so."""
 
@@ -113,7 +115,36 @@ def exchange(
             )  # fmt: skip
         if rival is not None:
             now = _retold(foot, fit, now, place, held)
+    if any(old != new for old, new in gone):
+        now = _in_order(foot, fit, now, held, threads)
     return fit, _retold(foot, fit, now, 0, held) if anew else now, gone
+
+
+def _in_order(
+    foot: Fit, fit: Fit, steps: Sequence[Step], held: HeldOut, threads: int
+) -> list[Step]:
+    """Steps with the one first that explains far more alone than the one which is first does.
+
+    Who took another one's place may explain less than what that one had been found before.
+    """
+
+    def alone(step: Step) -> float:
+        model = fit.model
+        for other in steps:
+            model = model if other is step else model.without(other.name)
+        with suppress(*NO_FIT):
+            return solved(fit.question.with_model(model), fit.values).rms
+        return float("inf")
+
+    if len(steps) < 2:
+        return list(steps)
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        left = list(pool.map(alone, steps))
+    ahead = min(range(len(left)), key=left.__getitem__)
+    if left[ahead] > _AHEAD * left[0]:
+        return list(steps)
+    turned = [steps[ahead], *steps[:ahead], *steps[ahead + 1 :]]
+    return _retold(foot, fit, turned, 0, held)
 
 
 def regrouped(

@@ -19,6 +19,8 @@ from piezo_opt.diagnosis.choice import (
     nothing_to_win,
     ordered,
     refits,
+    refits_afresh,
+    short_of_noise,
 )
 from piezo_opt.diagnosis.confirm import confirmed
 from piezo_opt.diagnosis.detail import in_detail
@@ -155,6 +157,35 @@ class _Climb:
         rung, after = taken
         group = () if rung.suspect is None else group_of(rung, rungs, at.now)
         return at, (rung, after, group)
+
+    def afresh(self, at: _Stand) -> _Stand | None:
+        """One effect from a fresh start that does better than all steps; None where none does.
+
+        What is refitted from where the foot had been bent to, and who is near the best of those,
+        decides which effects are brought to their best. Where that has ended short of the noise,
+        the right one may have been left behind.
+        """
+        bottom = _Stand(
+            self.foot, elsewhere(self.foot, self.held), self.suspects, alone=at.alone,
+            scored_at=self.foot,
+        )  # fmt: skip
+        rungs = refits_afresh(
+            self.foot, self.held, self.suspects, self.tell, self.threads, known=at.alone
+        )
+        better = [r for r in rungs if r.suspect is not None and bic_gain(at.fit, r.fit) > STRONG]
+        ranked = ordered(better, self.held, self.threads)
+        taken = chosen(self.foot, bottom.error, ranked, self.held, first=True)
+        if taken is None:
+            return None
+        rung, after = taken
+        ahead, here = rms(after), rms(at.error)
+        if ahead is not None and here is not None and ahead > here:
+            return None
+        assert rung.suspect is not None
+        group = group_of(rung, rungs, self.suspects)
+        gone = tuple(step.name for step in at.steps if step.name != rung.suspect.name)
+        stand = self.revised(bottom, self.named(bottom, rung, after, group))
+        return replace(stand, dropped=(*at.dropped, *gone, *stand.dropped))
 
     def detailed(self, at: _Stand) -> _Stand:
         """With all the detail that it pays for, where that reaches the other record no worse."""
@@ -334,7 +365,7 @@ def climb(
     way = _Climb(baseline, suspects, held, candidates, tell, threads)
     at = _Stand(baseline, elsewhere(baseline, held), suspects, scored_at=baseline)
     bottom = at.error
-    ended = paired = False
+    ended = paired = renewed = False
     settled: _Stand | None = None
     for _ in range(_MOST_ROUNDS):
         lost = not paired and way.lost(at, ended=ended)
@@ -351,7 +382,12 @@ def climb(
             both = way.together(at)
             at, ended = (at, ended) if both is None else (both, False)
         if ended:
-            break
+            again = None if renewed or not short_of_noise(at.fit, held) else way.afresh(at)
+            renewed = True
+            if again is None:
+                break
+            at, ended = again, nothing_to_win(again.fit)
+            continue
         at, taken = way.choice(at)
         if taken is None:
             ended = True

@@ -16,7 +16,7 @@ import numpy as np
 
 from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain, solved
-from piezo_opt.effects.base import Place
+from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.motion.spring import Spring
 from piezo_opt.errors import PiezoOptError
@@ -49,11 +49,8 @@ def shape_refinements(fit: Fit) -> list[Trial]:
 
 def other_forms(fit: Fit, name: str) -> list[Trial]:
     """One effect in the other forms under which a search tries it."""
-    effect: Any = fit.model[name]
-    # A form is what its options say, and what the others of the forms' options are by default.
-    asked = {option for options in effect.variants for option in options}
-    kept = {option: value for option, value in effect.options.items() if option not in asked}
-    others = [type(effect)(**kept, **options) for options in effect.variants]
+    effect = fit.model[name]
+    others = forms(effect)
     if effect not in others:
         return []  # written in more detail already
     return [
@@ -61,6 +58,15 @@ def other_forms(fit: Fit, name: str) -> list[Trial]:
         for o in others
         if o != effect
     ]
+
+
+def forms(effect: Effect) -> list[Effect]:
+    """The forms of an effect under which a search tries it."""
+    # A form is what its options say, and what the others of the forms' options are by default.
+    asked = {option for options in effect.variants for option in options}
+    kept = {option: value for option, value in effect.options.items() if option not in asked}
+    written: Any = type(effect)
+    return [written(**kept, **options) for options in effect.variants]
 
 
 def base_refinements(fit: Fit) -> list[Trial]:

@@ -42,6 +42,7 @@ from piezo_opt.effects import (
     Friction,
     HystereticForce,
     NonlinearGain,
+    Saturation,
     SecondOrder,
 )
 from piezo_opt.identification.default import shown
@@ -567,17 +568,48 @@ def test_friction_on_a_spring_without_mass_gives_way_as_it_will() -> None:
 
 
 def test_friction_begins_at_what_a_mount_does() -> None:
-    own = {"alpha": 6e9, "beta": 3e6, "gamma": 1.0, "delta": 0.0}
+    own = {"alpha": 6e9, "beta": 3e6, "gamma": 1.0, "delta": 0.0, "n": 1.0, "z_s": 1e-6}
     # Only the products with beta act.
     for share in (1.0, 0.5):
         scaled = {**own, "beta": own["beta"] / share, "gamma": share}
         like = Friction().like("hysteretic_force", scaled)
-        assert like == {"F": pytest.approx(2000.0), "z0": pytest.approx(1 / 3e6)}
+        assert like == {
+            "F": pytest.approx(2000.0), "z0": pytest.approx(1 / 3e6), "n": pytest.approx(1.0)
+        }  # fmt: skip
     assert Friction().like("hysteretic_force", {**own, "gamma": -1.0}) is None
+    assert Friction().like("hysteretic_force", {**own, "delta": -1.0}) is None
     assert HystereticForce().like("friction", {k: float(v) for k, v in like.items()}) == (
-        pytest.approx(own)
+        pytest.approx({k: own[k] for k in ("alpha", "beta", "gamma", "delta")})
     )
     assert Friction().like("creep", own) is None
+
+
+@pytest.mark.parametrize(("delta", "exponent"), [(-0.7, 1.0), (0.3, 1.0), (-0.7, 2.0)])
+def test_friction_opens_and_closes_as_a_mount_does(delta: float, exponent: float) -> None:
+    """Force over way, by the published laws, at a reversal, at zero, and where it slides."""
+    own = {"alpha": 6e9, "beta": 3e6, "gamma": 1.0, "delta": delta, "n": exponent, "z_s": 1e-6}
+    like = Friction().like("hysteretic_force", own)
+    assert like is not None
+
+    def mount(z: float) -> float:
+        shape = own["beta"] * abs(z / own["z_s"]) ** (exponent - 1.0)
+        return own["alpha"] * (1.0 - shape * (own["gamma"] * z + delta * abs(z)))
+
+    def contact(z: float) -> float:
+        r = 1.0 - z
+        return like["F"] / like["z0"] * abs(r) ** like["n"]
+
+    largest = like["F"] / own["alpha"]
+    assert mount(largest) == pytest.approx(0.0, abs=1e-6 * own["alpha"])
+    for share in (-1.0, 0.0, 1.0):
+        assert contact(share) == pytest.approx(mount(share * largest), abs=1e-6 * own["alpha"])
+    if exponent == 1.0:
+        back = HystereticForce().like("friction", like)
+        assert back is not None
+        assert back["alpha"] == pytest.approx(own["alpha"])
+        for name in ("gamma", "delta"):
+            acts = own["beta"] * own[name]
+            assert back["beta"] * back[name] == pytest.approx(acts, abs=1.0)
 
 
 @pytest.mark.parametrize("noise_is_left", [False, True])
@@ -590,7 +622,7 @@ def test_however_far_behind_friction_begins_at_what_a_mount_does(
     fit = fitted(MOVING, measured(MOVING, time, rich(time), (Friction(), law)))
     suspects, _ = score(BasePoint(fit), [Friction(), HystereticForce()])
     friction, mount = (adding(fit, s) for s in sorted(suspects, key=lambda s: s.name))
-    like = HystereticForce().like("friction", law)
+    like = HystereticForce().like("friction", {**law, "n": 1.0})
     assert like is not None
     there = {**TRUTH, **{f"hysteretic_force.{k}": v for k, v in like.items()}}
     found = solved(mount.question, {**mount.start, **there})
@@ -719,3 +751,24 @@ def test_a_contender_has_a_second_start_where_its_shapes_may_be_elsewhere(
     assert best.fit.rms == pytest.approx(NOISE, rel=0.05)
     # Where another contender has left but noise nobody begins once more.
     assert module._further(fit, chance, 1, over=True).fit.rms > 2.0 * NOISE
+
+
+def test_mechanics_that_a_shape_hides_join_once_it_is_in_detail() -> None:
+    """While a sharp saturation is taken for a soft one, nothing is seen to ring."""
+    time = clock(4000)
+    law = {"s": 1.0, "v_s": 50.0, "softness": 1e-3}
+    moving = {**TRUTH, "second_order.omega": 600.0, "second_order.zeta": 0.03}
+    drive = triangle(time, 0.7)
+    blank = po.Measurement(time, drive, drive, allow_saturated=True)
+    values = {**moving, **{f"saturation.{k}": v for k, v in law.items()}}
+    reading = po.simulate(MOVING + Saturation(), blank, values).reading
+    white = np.random.default_rng(0).normal(size=time.size)
+    fit = fitted(STILL, blank.with_(position=reading + NOISE * white))
+    (suspect, *_), _ = score(BasePoint(fit), [Saturation()])
+    (rung,) = race(fit, [adding(fit, suspect)], 1)
+    assert module._founded(fit, rung, 1) is rung
+    best = module._detailed(fit, rung, suspect, 1)
+    assert best.fit.values["second_order.omega"] == pytest.approx(600.0, rel=0.01)
+    assert best.fit.rms == pytest.approx(NOISE, rel=0.03)
+    # Where no shape is better nothing else is asked for.
+    assert module._moving(fit, rung, rung, suspect, 1) is rung

@@ -13,7 +13,7 @@ import piezo_opt as po
 from piezo_opt.diagnosis import exchange as module
 from piezo_opt.diagnosis.exchange import exchange, regrouped
 from piezo_opt.diagnosis.held_out import HeldOut, error_on, hold_out, rms
-from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain
+from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain, solved
 from piezo_opt.diagnosis.steps import Step
 from piezo_opt.effects import (
     AmplifierLag,
@@ -88,6 +88,26 @@ def test_an_earlier_step_gives_way_beside_a_later_one(
     assert now[1].delta_bic == bic_gain(now[0].fit, better)
 
 
+def test_whoever_explains_far_more_alone_comes_first(
+    records: tuple[po.Measurement, po.Measurement],
+) -> None:
+    """A step that took another one's place may be the smaller of two."""
+    foot, fit, steps, held = climbed(*records, SensorCurvature(), RateDependence())
+    left = [
+        solved(fit.question.with_model(MOVING + step.effect), fit.values).rms for step in steps
+    ]  # fmt: skip
+    assert left[1] < module._AHEAD * left[0]
+    now = module._in_order(foot, fit, steps, held, 2)
+    assert [step.name for step in now] == ["rate_dependence", "sensor_curvature"]
+    assert now[0].rms_before == foot.rms
+    assert now[0].rms_after == pytest.approx(left[1], rel=1e-3)
+    assert now[1].rms_before == now[0].rms_after
+    assert now[1].fit is fit
+    assert [step.group for step in now] == [step.group for step in reversed(steps)]
+    # In that order they stay as they are.
+    assert module._in_order(foot, fit, now, held, 2) == now
+
+
 def test_an_effect_may_give_way_to_itself_in_another_form() -> None:
     """And is preferred to a look-alike that does as well: a slow share of the reading."""
     time = clock(4000)
@@ -153,17 +173,24 @@ def test_the_last_step_is_asked_only_where_it_was_judged_beside_something_else(
         other = SimpleNamespace(name=to, effect=None, p_value=0.0)
         return SimpleNamespace(fit=nothing, suspect=other)
 
+    def in_order(_: object, __: object, steps: Any, *___: object) -> Any:
+        ordered.append(steps)
+        return steps
+
+    ordered: list[Any] = []
     seen = SimpleNamespace(ranked=(), suspects=(), shaped=True)
     monkeypatch.setattr(module, "_seen", lambda *_: seen)
     monkeypatch.setattr(module, "_rival", rival)
     monkeypatch.setattr(module, "group_of", lambda *_: ())
     monkeypatch.setattr(module, "elsewhere", lambda *_: None)
     monkeypatch.setattr(module, "_retold", lambda _, __, steps, *___: steps)
+    monkeypatch.setattr(module, "_in_order", in_order)
     monkeypatch.setattr(module, "replace", lambda step, **_: step)
     steps: Any = [SimpleNamespace(name=name) for name in ("first", "second", "third")]
     nothing: Any = SimpleNamespace(record=None, names=("first.a", "second.a", "third.a"))
     _, _, gone = exchange(nothing, nothing, steps, nothing, (), threads=1, last=last)
     assert (asked, gone) == (expected, [(gives_way, to)] if gives_way else [])
+    assert len(ordered) == (to == "other")
 
 
 def test_only_those_with_more_parameters_than_asked_for_give_way(

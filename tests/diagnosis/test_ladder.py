@@ -359,6 +359,47 @@ def test_what_is_lost_is_tried_afresh(monkeypatch: pytest.MonkeyPatch) -> None:
     assert begun
 
 
+@pytest.mark.parametrize("short", [True, False])
+def test_who_was_left_behind_is_asked_afresh_where_a_ladder_ends_short_of_the_noise(
+    short: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once, from the foot, with every effect; what was named before is told as dropped."""
+    fit = crowded(CREEP)
+    question = po.Identification(STILL, fit.records)
+    base = solved(question, TRUTH_STILL)
+    drifting = solved(question.with_model(STILL + Drift()), base.values)
+    wrong: Any = module._Stand(drifting, None, (), (step(drifting, "drift"),))
+    told: list[str] = []
+    found: Any = SimpleNamespace(suspect=True)
+    choices = iter([(found, None, ())])
+    monkeypatch.setattr(module._Climb, "choice", lambda _, at: (at, next(choices, None)))
+    named = module._Climb.named
+
+    def first_wrong(self: Any, at: Any, rung: Any, *rest: Any) -> Any:
+        return wrong if isinstance(rung, SimpleNamespace) else named(self, at, rung, *rest)
+
+    monkeypatch.setattr(module._Climb, "named", first_wrong)
+    monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
+    monkeypatch.setattr(module._Climb, "reconsidered", lambda _, at: at)
+    monkeypatch.setattr(module._Climb, "lost", lambda *_, **__: False)
+    if not short:
+        monkeypatch.setattr(module, "short_of_noise", lambda *_: False)
+    else:
+        assert choice.short_of_noise(drifting, HeldOut(question, None, ""))
+    ladder = climb(
+        base, HeldOut(question, None, ""), [Creep(elements=1), Drift()], told.append, threads=2
+    )
+    assert [one.name for one in ladder.steps] == (["creep"] if short else ["drift"])
+    assert told.count("refitting with every effect from a fresh start") == short
+    assert ladder.dropped == (("drift",) if short else ())
+    if short:
+        assert ladder.final.rms == pytest.approx(NOISE, rel=0.05)
+        assert ladder.steps[0].rms_before == base.rms
+    # Where nobody does better what stands stays.
+    way = module._Climb(base, (), HeldOut(question, None, ""), [], told.append, 1)
+    assert way.afresh(module._Stand(ladder.final, None, (), ladder.steps)) is None
+
+
 def test_two_steps_are_brought_to_their_detail_before_pairs_are_asked_for() -> None:
     """Mains that are not quite at 50 Hz beside creep are no case for other names."""
     time = clock(2000)

@@ -1069,7 +1069,7 @@ def test_the_same_physics_in_another_effect_and_in_more_detail() -> None:
     time = np.linspace(0, 0.4, 401)
     drive = 20.0 * np.sin(30.0 * time)
     base = PiezoGain() + SecondOrder()
-    dahl = {"F": 3.0, "z0": 2e-7}
+    dahl = {"F": 3.0, "z0": 2e-7, "n": 1.0}
     like = HystereticForce().like("friction", dahl)
     assert like is not None
     mechanics = {"second_order.omega": 6e3, "second_order.zeta": 0.3}

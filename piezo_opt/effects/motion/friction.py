@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
@@ -70,11 +71,26 @@ class Friction(Effect):
     )  # fmt: skip
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
-        """Nearly a hysteretic force: F = alpha / (beta gamma), z0 = 1 / (beta gamma)."""
-        if self.smooth or other != "hysteretic_force" or own["beta"] * own["gamma"] <= 0.0:
+        """A hysteretic force whose loop opens and closes at the same stiffnesses.
+
+            z0 = z_s (beta (gamma + delta) z_s)^(-1/n'),   F = alpha z0,
+            n = log2(2 gamma / (gamma + delta))
+
+        with n' the force's own exponent: force, slope and where it slides are the same at a
+        reversal, at zero and at the end; everywhere with delta = 0 and n' = 1.
+        """
+        if self.smooth or other != "hysteretic_force":
             return None
-        z0 = 1.0 / (own["beta"] * own["gamma"])
-        return {"F": own["alpha"] * z0, "z0": z0}
+        width, opening = own["gamma"] + own["delta"], 2.0 * own["gamma"]
+        if own["beta"] * width <= 0.0 or opening * width <= 0.0:
+            return None
+        z_s = own["z_s"]
+        z0 = z_s * (own["beta"] * width * z_s) ** (-1.0 / own["n"])
+        low, high = self.parameters["n"].bounds
+        return {
+            "F": own["alpha"] * z0, "z0": z0,
+            "n": min(max(math.log2(opening / width), low), high),
+        }  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Own share of the acceleration and the contact's deflection."""

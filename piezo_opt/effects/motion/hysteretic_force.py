@@ -53,11 +53,19 @@ class HystereticForce(Effect):
     )  # fmt: skip
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
-        """Dahl's friction is this law with gamma = 1, delta = 0: alpha = F / z0, beta = 1 / z0."""
+        """Friction with presliding, opening and closing at the same stiffnesses.
+
+            alpha = F / z0,   beta = 1 / z0,   gamma = 2^(n - 1),   delta = 1 - gamma
+
+        Dahl's, with n = 1, is this law; with another exponent force and slope are the same at a
+        reversal, at zero and at the end.
+        """
         if other != "friction" or "z0" not in own:
             return None
+        gamma = 2.0 ** (own["n"] - 1.0)
         return {
-            "alpha": own["F"] / own["z0"], "beta": 1.0 / own["z0"], "gamma": 1.0, "delta": 0.0,
+            "alpha": own["F"] / own["z0"], "beta": 1.0 / own["z0"], "gamma": gamma,
+            "delta": 1.0 - gamma,
         }  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
