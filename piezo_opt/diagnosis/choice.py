@@ -130,11 +130,11 @@ def refits(
     fresh += [rung.trial for rung in begun]
     entered = {id(trial) for trial in fresh}
     afresh = [rung for rung in rungs if id(rung.trial) in entered]
-    found = _contested(fit, rungs, held, threads)
+    found = _contested(fit, rungs, held, threads, first=first)
     if first and fresh and not found:
         # Beside the base model as it is at first nobody helps; its details may be half of it.
         rungs += race(fit, [with_base_details(trial) for trial in fresh], threads, rivals=rungs)
-        found = _contested(fit, rungs, held, threads)
+        found = _contested(fit, rungs, held, threads, first=first)
     return found, afresh
 
 
@@ -158,7 +158,7 @@ def refits_afresh(
     """
     tell("refitting with every effect from a fresh start")
     trials, begun = entrants(fit, held.question, suspects, threads, known)
-    return _contested(fit, race(fit, trials, threads, begun=begun), held, threads)
+    return _contested(fit, race(fit, trials, threads, begun=begun), held, threads, first=True)
 
 
 def _on_mechanics(
@@ -182,11 +182,17 @@ def _on_mechanics(
     return [with_base_details(adding(fit, s)) for s in short]
 
 
-def _contested(fit: Fit, rungs: Sequence[Rung], held: HeldOut, threads: int) -> list[Rung]:
-    """Plausible rungs with the contenders' best fits, judged and sorted."""
+def _contested(
+    fit: Fit, rungs: Sequence[Rung], held: HeldOut, threads: int, *, first: bool
+) -> list[Rung]:
+    """Plausible rungs with the contenders' best fits, judged and sorted.
+
+    Beside what was found the base model is bent less, and who misses the other record there is
+    asked for its place: only what is found first has fresh starts for that.
+    """
     contenders = [r for r in rungs if plausible(r)]
     closest = min((r.fit for r in contenders), key=lambda f: f.rms, default=fit)
-    afresh = closest is not fit and _alone(closest, held)
+    afresh = first and closest is not fit and _alone(closest, held)
     return contest(fit, contenders, held.question, threads, afresh=afresh)
 
 
@@ -312,11 +318,20 @@ def astray(fit: Fit, held: HeldOut, *, several: bool) -> bool:
     return over > _LOST or ((several or over > _NOISY) and _mispredicts(fit, held, FOREIGN))
 
 
-def short_of_noise(fit: Fit, held: HeldOut) -> bool:
-    """Whether a fit leaves more than noise, and no slow noise that the other record bears out."""
+def short_of_noise(fit: Fit, held: HeldOut, *, several: bool) -> bool:
+    """Whether a fit leaves more than noise, and no slow noise that the other record bears out.
+
+    One effect alone must also carry over to the other record where it leaves but noise here: a law
+    with more freedom does what the right one does, and no more.
+
+    Args:
+        fit: the fit.
+        held: whose record is the other one.
+        several: whether more than one effect has been found.
+    """
     floor = noise_floor(fit)
     if fit.rms <= _NOISY * floor.rms:
-        return False
+        return not several and misjudged(fit, held)
     return structure(fit, floor).left or misjudged(fit, held)
 
 

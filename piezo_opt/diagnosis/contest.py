@@ -127,7 +127,11 @@ def contest(
         # Whoever can do exactly what another one does begins there as well, however far behind.
         behind = [r for r in named if r not in contenders]
         pairs = [(r, o) for r in [*fitted, *behind] for o in fitted if o.fit.rms < r.fit.rms]
-        fitted += [r for r in pool.map(begun_there, pairs) if r is not None]
+        for (_, other), led in zip(pairs, pool.map(begun_there, pairs), strict=True):
+            # Who does no better than whom it imitates has its place where but noise is left, for
+            # fewer parameters decide there.
+            if led is not None and (led.fit.rms < other.fit.rms or explained(led.fit)):
+                fitted.append(led)
     return judged(fit, [*rungs, *fitted])
 
 

@@ -136,13 +136,11 @@ def _in_order(
             return solved(fit.question.with_model(model), fit.values).rms
         return float("inf")
 
-    if len(steps) < 2:
-        return list(steps)
     with ThreadPoolExecutor(max_workers=threads) as pool:
-        left = list(pool.map(alone, steps))
-    ahead = min(range(len(left)), key=left.__getitem__)
-    if left[ahead] > _AHEAD * left[0]:
+        left = list(pool.map(alone, steps[1:]))
+    if not left or min(left) > _AHEAD * steps[0].rms_after:
         return list(steps)
+    ahead = 1 + left.index(min(left))
     turned = [steps[ahead], *steps[:ahead], *steps[ahead + 1 :]]
     return _retold(foot, fit, turned, 0, held)
 

@@ -382,10 +382,11 @@ def climb(
             both = way.together(at)
             at, ended = (at, ended) if both is None else (both, False)
         if ended:
-            again = None if renewed or not short_of_noise(at.fit, held) else way.afresh(at)
-            renewed = True
+            short = short_of_noise(at.fit, held, several=len(at.steps) > 1)
+            again = way.afresh(at) if short and not renewed else None
             if again is None:
                 break
+            renewed = True
             at, ended = again, nothing_to_win(again.fit)
             continue
         at, taken = way.choice(at)

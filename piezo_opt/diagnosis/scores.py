@@ -276,18 +276,21 @@ def long_run_variance(terms: FloatArray, lags: int | None = None) -> float:
     """Newey and West's variance of sqrt(N) times the mean of correlated terms."""
     n = terms.size
     lags = memory(terms) if lags is None else min(lags, n // 4)
-    total = float(terms @ terms)
-    for lag in range(1, lags + 1):
-        total += 2.0 * (1.0 - lag / (lags + 1.0)) * float(terms[lag:] @ terms[:-lag])
+    products = _lagged(terms, lags)
+    fading = 1.0 - np.arange(1, lags + 1) / (lags + 1.0)
+    total = float(products[0] + 2.0 * fading @ products[1:])
     return max(total, 0.1 * float(terms @ terms)) / n
 
 
 def memory(r: FloatArray) -> int:
     """Lags that matter for a long-run variance: twice the fall of the autocorrelation."""
-    rho = autocorrelation(r)
+    return _memory(autocorrelation(r), r.size)
+
+
+def _memory(rho: FloatArray, samples: int) -> int:
     if rho.size == 0:
         return 0
-    below = np.flatnonzero(rho < 2.0 / np.sqrt(r.size))
+    below = np.flatnonzero(rho < 2.0 / np.sqrt(samples))
     first = int(below[0]) if below.size else rho.size
     return min(2 * first, 400)
 
@@ -305,8 +308,9 @@ def autocorrelation(r: FloatArray) -> FloatArray:
 
 def effective_samples(r: FloatArray) -> float:
     """Independent samples that carry as much as N correlated ones, N / (1 + 2 sum rho)."""
-    rho = autocorrelation(r)[1 : 1 + memory(r) // 2]
-    return r.size / max(1.0, 1.0 + 2.0 * float(rho.sum()))
+    rho = autocorrelation(r)
+    told = rho[1 : 1 + _memory(rho, r.size) // 2]
+    return r.size / max(1.0, 1.0 + 2.0 * float(told.sum()))
 
 
 def _where(error: Exception, effect: Effect) -> str:

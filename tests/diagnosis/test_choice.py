@@ -312,7 +312,7 @@ def test_names_are_asked_for_again_at_the_end_where_details_came_after_them(
     monkeypatch.setattr(ladder, "exchange", lambda _, found, steps, *__, **___: (found, steps, []))
     monkeypatch.setattr(ladder, "prune", pruned)
     monkeypatch.setattr(ladder, "pair", lambda *_, **__: None)
-    monkeypatch.setattr(ladder, "short_of_noise", lambda *_: False)
+    monkeypatch.setattr(ladder, "short_of_noise", lambda *_, **__: False)
     ladder.climb(fit(10.0), UNJUDGED, (), threads=1)
     assert asked == ([False, True] if refined else [False])
 
@@ -327,21 +327,24 @@ def test_a_fit_that_predicts_three_tenths_worse_than_it_fits_may_have_a_wrong_na
 
 @pytest.mark.usefixtures("judged", "unit_noise")
 @pytest.mark.parametrize(
-    ("left", "shows", "elsewhere", "short"),
+    ("left", "shows", "elsewhere", "several", "short"),
     [
-        (1.09, True, 9.0, False),
-        (1.11, True, 1.0, True),
-        (1.11, False, 1.4, False),
-        (1.11, False, 1.5, True),
+        (1.09, True, 9.0, True, False),
+        (1.09, True, 1.4, False, False),
+        (1.09, False, 1.5, False, True),
+        (1.11, True, 1.0, True, True),
+        (1.11, False, 1.4, True, False),
+        (1.11, False, 1.5, True, True),
     ],
 )
 def test_a_ladder_ends_short_of_the_noise_where_more_is_left_that_no_record_bears_out(
-    left: float, shows: bool, elsewhere: float, short: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    left: float, shows: bool, elsewhere: float, several: bool, short: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     """Slow noise has no structure, and the other record has as much of it."""
     monkeypatch.setattr(choice, "structure", lambda *_: SimpleNamespace(left=shows))
     found = effect("any", left, elsewhere).fit
-    assert choice.short_of_noise(found, JUDGED) is short
+    assert choice.short_of_noise(found, JUDGED, several=several) is short
 
 
 @pytest.mark.usefixtures("unit_noise")
@@ -365,7 +368,7 @@ def test_groups_are_told_again_where_but_noise_is_left(
     monkeypatch.setattr(ladder, "with_statistics", lambda found: found)
     monkeypatch.setattr(ladder, "pair", lambda *_, **__: None)
     monkeypatch.setattr(ladder, "regrouped", regrouped)
-    monkeypatch.setattr(ladder, "short_of_noise", lambda *_: False)
+    monkeypatch.setattr(ladder, "short_of_noise", lambda *_, **__: False)
     climbed = ladder.climb(fit(10.0), UNJUDGED, (), threads=1)
     assert [step.name for step in climbed.steps] == ["drift"]
     assert bool(asked) is told

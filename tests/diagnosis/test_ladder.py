@@ -383,9 +383,9 @@ def test_who_was_left_behind_is_asked_afresh_where_a_ladder_ends_short_of_the_no
     monkeypatch.setattr(module._Climb, "reconsidered", lambda _, at: at)
     monkeypatch.setattr(module._Climb, "lost", lambda *_, **__: False)
     if not short:
-        monkeypatch.setattr(module, "short_of_noise", lambda *_: False)
+        monkeypatch.setattr(module, "short_of_noise", lambda *_, **__: False)
     else:
-        assert choice.short_of_noise(drifting, HeldOut(question, None, ""))
+        assert choice.short_of_noise(drifting, HeldOut(question, None, ""), several=False)
     ladder = climb(
         base, HeldOut(question, None, ""), [Creep(elements=1), Drift()], told.append, threads=2
     )
