@@ -16,6 +16,7 @@ from piezo_opt.diagnosis.refinements import (
     explained,
     plausible,
     refinements,
+    stilled,
     with_base_details,
 )
 from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, Trial, adding, finely, race
@@ -274,7 +275,8 @@ def chosen(
     need but not hurt on the other until then. Beside what was found already another name must prove
     itself where it is judged. Where the held-out data contradict what leaves but noise, it is
     fitted finely first: the scheme's error looks like a shift of the resonance, which one record
-    hardly shows and another above all.
+    hardly shows and another above all. And it is fitted without mechanics that it does not pay for:
+    they may have come of what was missing, and ring where the other record shakes them.
     """
     asked = False
     for rung, after in rungs:
@@ -292,10 +294,10 @@ def chosen(
             return rung, after
         if not asked and explained(rung.fit):
             asked = True
-            fine = finely(rung.fit)
-            after = elsewhere(fine, held)
-            if agrees(error, after, lenient):
-                return replace(rung, fit=fine), after
+            for other in (finely(rung.fit), stilled(rung.fit)):
+                after = None if other is None else elsewhere(other, held)
+                if other is not None and agrees(error, after, lenient):
+                    return replace(rung, fit=other), after
     return None
 
 
@@ -318,20 +320,20 @@ def astray(fit: Fit, held: HeldOut, *, several: bool) -> bool:
     return over > _LOST or ((several or over > _NOISY) and _mispredicts(fit, held, FOREIGN))
 
 
-def short_of_noise(fit: Fit, held: HeldOut, *, several: bool) -> bool:
+def short_of_noise(fit: Fit, held: HeldOut, *, lone: bool) -> bool:
     """Whether a fit leaves more than noise, and no slow noise that the other record bears out.
 
-    One effect alone must also carry over to the other record where it leaves but noise here: a law
-    with more freedom does what the right one does, and no more.
+    One effect alone that leaves but noise must also carry over to the other record, and leave no
+    more than the noise may be: a law with more freedom does nearly what the right one does.
 
     Args:
         fit: the fit.
         held: whose record is the other one.
-        several: whether more than one effect has been found.
+        lone: whether just one effect has been found.
     """
     floor = noise_floor(fit)
     if fit.rms <= _NOISY * floor.rms:
-        return not several and misjudged(fit, held)
+        return lone and (fit.rms > floor.high or misjudged(fit, held))
     return structure(fit, floor).left or misjudged(fit, held)
 
 

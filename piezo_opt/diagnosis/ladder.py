@@ -240,6 +240,10 @@ class _Climb:
         suspect = rung.suspect
         assert suspect is not None
         first = None if at.steps or agrees(at.error, after, at.fit.rms) else at
+        stood = (name for name, _ in self.foot.model if name in at.fit.model)
+        spare = tuple(name for name in stood if name not in rung.fit.model)
+        if spare:
+            self.tell(f"dropped {', '.join(spare)}")
         # Rivals pay for the base model's details, so the taken one was compared with them too.
         rung = lean(at.fit, rung, self.threads)
         with ThreadPoolExecutor(max_workers=1) as pool:
@@ -257,7 +261,7 @@ class _Climb:
             steps = shaped_further(at.steps, same, rung, error)
             self.tell(f"{at.steps[same].name} shaped further by {suspect.name}")
         return replace(
-            at, fit=rung.fit, error=error, steps=tuple(steps),
+            at, fit=rung.fit, error=error, steps=tuple(steps), dropped=(*at.dropped, *spare),
             refined=(*at.refined, *_of_base(at.fit, rung.fit)), touched=False,
             unconfirmed=at.unconfirmed if at.steps else first,
         )  # fmt: skip
@@ -382,7 +386,7 @@ def climb(
             both = way.together(at)
             at, ended = (at, ended) if both is None else (both, False)
         if ended:
-            short = short_of_noise(at.fit, held, several=len(at.steps) > 1)
+            short = short_of_noise(at.fit, held, lone=len(at.steps) == 1)
             again = way.afresh(at) if short and not renewed else None
             if again is None:
                 break

@@ -213,6 +213,24 @@ def moved(fit: Fit) -> Fit | None:
     return found if found.rms < fit.rms else None
 
 
+def stilled(fit: Fit) -> Fit | None:
+    """A fit without mechanics that it does not pay for; None where it has none, or pays.
+
+    What a fit lacks may look like mechanics that nothing has shaken.
+    """
+    model = fit.model
+    for name, effect in fit.model:
+        if isinstance(effect, SecondOrder):
+            model = model.without(name)
+    if model is fit.model or any("motion" in effect.requires for _, effect in model):
+        return None
+    try:
+        still = solved(fit.question.with_model(model), fit.values)
+    except (PiezoOptError, ArithmeticError):
+        return None
+    return still if bic_gain(still, fit) < STRONG else None
+
+
 def _details(fit: Fit, name: str) -> Trial | None:
     """One effect in more detail: its finer form, and the details of its shape freed."""
     effect = fit.model[name]

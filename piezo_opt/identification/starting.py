@@ -39,9 +39,8 @@ _ROUNDNESSES = (0.0, -1.0, 0.8)
 _DAMPINGS = (0.1, 0.02, 0.5)
 _ROUGH = 1e-3
 """Error of the scheme that trials may have, as a share of the reading's range."""
-_LIKELIEST, _FEWEST = 6, 64
-"""Natural frequencies that are simulated, of those whose spectra were compared, and the samples from
-which those are."""
+_LIKELIEST, _FEWEST = 5, 64
+"""Natural frequencies of a grid that are simulated, and samples from which spectra tell which."""
 _STRETCH = 2500
 """Samples that are enough to choose a resonance by."""
 _FOLLOWED = 4
@@ -177,13 +176,13 @@ def resonance_start(
     record = light.campaign.records[0]
     search = _Search(light, Monitor(()))
     start = {**Values.nominal(question.model), **values}
-    candidates = [*resonances(record, residual), *np.geomspace(0.1, 0.9, 14) * np.pi / record.step]
+    grid = (np.geomspace(0.1, 0.9, 14) * np.pi / record.step).tolist()
     best = _scan_resonance(
         search,
         start,
         f"{mechanics}.omega",
         [f"{mechanics}.zeta"],
-        _likeliest(record, residual, candidates),
+        [*resonances(record, residual), *_likeliest(record, residual, grid)],
         softness,
     )
     if best == start:
@@ -194,11 +193,11 @@ def resonance_start(
 def _likeliest(record: Measurement, residual: FloatArray, candidates: list[float]) -> list[float]:
     """The natural frequencies that explain most of a residual, from the spectra; all if uneven.
 
-    Mechanics behind a quasi-static model add nearly (G - 1) Y to its reading's spectrum Y,
+    Mechanics behind a quasi-static model make nearly g G Y of its reading's spectrum Y,
 
         G = 1 / (1 - (f / f_0)^2 + 2 i zeta f / f_0)
 
-    while the gain may follow: the best of twenty simulated trials was never behind the sixth.
+    with a gain g that follows.
     """
     if not record.uniform or len(record) < _FEWEST:
         return candidates
@@ -208,13 +207,13 @@ def _likeliest(record: Measurement, residual: FloatArray, candidates: list[float
     line = np.linspace(reading[0], reading[-1], n)
     answer, left = (np.fft.rfft(window * x)[1:] for x in (reading - line, residual))
     turn = 2.0 * np.pi * np.fft.rfftfreq(n, record.step)[1:]
-    power = float(np.vdot(answer, answer).real) or 1.0
+    whole = answer + left
 
     def unexplained(omega: float) -> float:
         share = turn / omega
-        gain = 1.0 / (1.0 - share**2 + 2.0j * _DAMPINGS[0] * share)
-        rest = left - (gain - 1.0) * answer
-        rest = rest - float(np.vdot(answer, rest).real) / power * answer
+        moved = answer / (1.0 - share**2 + 2.0j * _DAMPINGS[0] * share)
+        power = float(np.vdot(moved, moved).real) or 1.0
+        rest = whole - float(np.vdot(moved, whole).real) / power * moved
         return float(np.vdot(rest, rest).real)
 
     return sorted(candidates, key=unexplained)[:_LIKELIEST]

@@ -211,7 +211,7 @@ def test_what_cannot_be_simulated_elsewhere_is_asked_last(
 def unit_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of every fit the noise is 1."""
     for room in (choice, grouping):
-        monkeypatch.setattr(room, "noise_floor", lambda _: SimpleNamespace(rms=1.0))
+        monkeypatch.setattr(room, "noise_floor", lambda _: SimpleNamespace(rms=1.0, high=1.05))
 
 
 def square(name: str, mean_square: float, gain: float) -> Rung:
@@ -327,24 +327,26 @@ def test_a_fit_that_predicts_three_tenths_worse_than_it_fits_may_have_a_wrong_na
 
 @pytest.mark.usefixtures("judged", "unit_noise")
 @pytest.mark.parametrize(
-    ("left", "shows", "elsewhere", "several", "short"),
+    ("left", "shows", "elsewhere", "lone", "short"),
     [
-        (1.09, True, 9.0, True, False),
-        (1.09, True, 1.4, False, False),
-        (1.09, False, 1.5, False, True),
-        (1.11, True, 1.0, True, True),
-        (1.11, False, 1.4, True, False),
-        (1.11, False, 1.5, True, True),
+        (1.09, True, 9.0, False, False),
+        (1.04, True, 1.3, True, False),
+        (1.04, False, 1.4, True, True),
+        (1.06, False, 1.0, True, True),
+        (1.06, False, 1.0, False, False),
+        (1.11, True, 1.0, False, True),
+        (1.11, False, 1.4, False, False),
+        (1.11, False, 1.5, False, True),
     ],
 )
 def test_a_ladder_ends_short_of_the_noise_where_more_is_left_that_no_record_bears_out(
-    left: float, shows: bool, elsewhere: float, several: bool, short: bool,
+    left: float, shows: bool, elsewhere: float, lone: bool, short: bool,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     """Slow noise has no structure, and the other record has as much of it."""
     monkeypatch.setattr(choice, "structure", lambda *_: SimpleNamespace(left=shows))
     found = effect("any", left, elsewhere).fit
-    assert choice.short_of_noise(found, JUDGED, several=several) is short
+    assert choice.short_of_noise(found, JUDGED, lone=lone) is short
 
 
 @pytest.mark.usefixtures("unit_noise")
@@ -492,8 +494,10 @@ def test_who_explains_one_record_and_misses_one_like_it_is_begun_afresh(
     monkeypatch.setattr(choice, "elsewhere", lambda of, _: np.full(3, of.elsewhere))
     monkeypatch.setattr(choice, "entrants", lambda *_: ([], []))
     monkeypatch.setattr(choice, "contest", contest)
-    choice.refits(fit(9.0), JUDGED, (), first=True, bar=-1.0, tell=lambda _: None, threads=1)
-    assert told == [afresh]
+    for first in (True, False):
+        choice.refits(fit(9.0), JUDGED, (), first=first, bar=-1.0, tell=lambda _: None, threads=1)
+    # Beside what was found the base model is bent less.
+    assert told == [afresh, False]
 
 
 @pytest.mark.usefixtures("unit_noise")
@@ -639,6 +643,7 @@ def test_what_leaves_but_noise_is_fitted_finely_before_it_is_refused(
         return fit(of.rms, fine_error)
 
     monkeypatch.setattr(choice, "finely", fine)
+    monkeypatch.setattr(choice, "stilled", lambda _: None)
     monkeypatch.setattr(choice, "explained", lambda _: noise_left)
     before, after = np.array([1.0, -1.0]), np.array([2.0, -2.0])
     rungs = [(effect("fringes", 0.4, 2.0), after), (effect("other", 0.6, 2.0), after)]
@@ -651,6 +656,26 @@ def test_what_leaves_but_noise_is_fitted_finely_before_it_is_refused(
         assert label(rung) == "fringes"
         assert rung.fit.elsewhere == fine_error
         assert rms(error) == pytest.approx(fine_error)
+
+
+@pytest.mark.parametrize(("without", "taken"), [(0.5, True), (1.5, False), (None, False)])
+@pytest.mark.usefixtures("judged")
+def test_what_leaves_but_noise_is_tried_without_mechanics_before_it_is_refused(
+    without: float | None, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the base model lacked may have looked like mechanics, which ring on the other record."""
+    still = None if without is None else fit(0.4, without)
+    monkeypatch.setattr(choice, "finely", lambda of: of)
+    monkeypatch.setattr(choice, "stilled", lambda _: still)
+    monkeypatch.setattr(choice, "explained", lambda _: True)
+    before, after = np.array([1.0, -1.0]), np.array([2.0, -2.0])
+    rungs = [(effect("asymmetry", 0.4, 2.0), after)]
+    found = choice.chosen(fit(1.0), before, rungs, JUDGED, first=True)
+    assert (found is not None) == taken
+    if found is not None:
+        rung, error = found
+        assert rung.fit is still
+        assert rms(error) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(

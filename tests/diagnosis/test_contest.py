@@ -25,9 +25,10 @@ from piezo_opt.diagnosis.refinements import (
     refinements,
     shape_refinements,
     stiffened,
+    stilled,
     with_base_details,
 )
-from piezo_opt.diagnosis.rung import Rung, Trial, adding, bic_gain, race, solved
+from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, adding, bic_gain, race, solved
 from piezo_opt.diagnosis.scores import effective_samples, score
 from piezo_opt.diagnosis.shortlist import entrants, scored
 from piezo_opt.effects import (
@@ -751,6 +752,23 @@ def test_a_contender_has_a_second_start_where_its_shapes_may_be_elsewhere(
     assert best.fit.rms == pytest.approx(NOISE, rel=0.05)
     # Where another contender has left but noise nobody begins once more.
     assert module._further(fit, chance, 1, over=True).fit.rms > 2.0 * NOISE
+
+
+def test_mechanics_that_nothing_shook_may_be_spared() -> None:
+    """Beside what they had been mistaken for; where they ring, or are needed, they stay."""
+    time = clock(2000)
+    slow = triangle(time, 0.7)
+    quiet = fitted(MOVING, measured(STILL, time, slow, CUBED))
+    assert "second_order" in quiet.model
+    still = stilled(quiet)
+    assert still is not None
+    assert still.model.names == ("piezo_gain", "bouc_wen", "offset")
+    assert bic_gain(still, quiet) < STRONG
+    assert stilled(still) is None
+    shaken = fitted(MOVING, measured(MOVING, time, rich(time)))
+    assert stilled(shaken) is None
+    rubbing = quiet.question.with_model(MOVING + Friction())
+    assert stilled(solved(rubbing, {**quiet.values, "friction.F": 1e-3}, 1)) is None
 
 
 def test_mechanics_that_a_shape_hides_join_once_it_is_in_detail() -> None:

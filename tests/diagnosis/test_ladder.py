@@ -385,7 +385,7 @@ def test_who_was_left_behind_is_asked_afresh_where_a_ladder_ends_short_of_the_no
     if not short:
         monkeypatch.setattr(module, "short_of_noise", lambda *_, **__: False)
     else:
-        assert choice.short_of_noise(drifting, HeldOut(question, None, ""), several=False)
+        assert choice.short_of_noise(drifting, HeldOut(question, None, ""), lone=True)
     ladder = climb(
         base, HeldOut(question, None, ""), [Creep(elements=1), Drift()], told.append, threads=2
     )

@@ -138,6 +138,16 @@ def test_the_statistic_allows_for_slow_noise() -> None:
     assert np.mean(np.array(values) > 10.83) < 0.02
 
 
+def test_long_run_variance_by_its_definition() -> None:
+    """Newey and West's sum over lags, one product at a time."""
+    terms = np.convolve(np.random.default_rng(3).normal(size=600), [1.0, 0.8, 0.5])
+    for lags in (0, 1, 7, 40):
+        total = float(terms @ terms)
+        for lag in range(1, lags + 1):
+            total += 2.0 * (1.0 - lag / (lags + 1.0)) * float(terms[lag:] @ terms[:-lag])
+        assert long_run_variance(terms, lags) == pytest.approx(total / terms.size, rel=1e-9)
+
+
 def test_memory_of_autoregressive_noise() -> None:
     runs = [autoregressive(seed, 4000, 0.8) for seed in range(20)]
     assert np.mean([effective_samples(r) for r in runs]) == pytest.approx(4000 / 9.0, rel=0.2)

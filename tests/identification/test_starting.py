@@ -16,6 +16,7 @@ from piezo_opt.effects import (
     Friction,
     SecondMode,
 )
+from piezo_opt.identification import starting
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.shapes import resolving
 from piezo_opt.identification.starting import _Search, joint_starts, starting_values, straight_line
@@ -46,6 +47,24 @@ def test_the_resonance_is_found_among_many_local_minima(hertz: float) -> None:
     assert fit.rms < 1.1 * 5e-9
     assert fit.values["second_order.omega"] == pytest.approx(truth["second_order.omega"], rel=2e-3)
     assert fit.values["second_order.zeta"] == pytest.approx(0.03, rel=0.1)
+
+
+@pytest.mark.parametrize("hertz", [25.0, 60.0, 140.0, 310.0])
+def test_spectra_tell_which_resonances_are_worth_a_simulation(hertz: float) -> None:
+    """Of thirty candidates, where the model is right but for the mechanics."""
+    measured, truth = ringing(hertz)
+    still = {k: v for k, v in truth.items() if not k.startswith("second_order")}
+    quasi_static = po.simulate(STILL, measured, still).reading
+    residual = measured.position - quasi_static
+    omega = truth["second_order.omega"]
+    others = np.geomspace(2.0 * np.pi * 5.0, 0.9 * np.pi * RATE, 29).tolist()
+    kept = starting._likeliest(measured, residual, [*others, omega])
+    assert kept[0] == pytest.approx(omega, rel=0.01)
+    assert omega in kept[:2]
+    assert len(kept) == 5
+    # Spectra are of even time: else all are simulated.
+    uneven = measured.with_(time=measured.time * (1.0 + 0.3 * measured.time))
+    assert starting._likeliest(uneven, residual, others) == others
 
 
 def shaken(hertz: float) -> tuple[po.Measurement, dict[str, float]]:
