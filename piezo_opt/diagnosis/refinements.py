@@ -214,7 +214,7 @@ def moved(fit: Fit) -> Fit | None:
 
 
 def stilled(fit: Fit) -> Fit | None:
-    """A fit without mechanics that it does not pay for; None where it has none, or pays.
+    """A fit without mechanics that it does not pay for; None where it has none, pays or needs them.
 
     What a fit lacks may look like mechanics that nothing has shaken.
     """
@@ -222,7 +222,7 @@ def stilled(fit: Fit) -> Fit | None:
     for name, effect in fit.model:
         if isinstance(effect, SecondOrder):
             model = model.without(name)
-    if model is fit.model or any("motion" in effect.requires for _, effect in model):
+    if model is fit.model:
         return None
     try:
         still = solved(fit.question.with_model(model), fit.values)

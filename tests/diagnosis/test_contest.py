@@ -47,6 +47,7 @@ from piezo_opt.effects import (
     SecondOrder,
 )
 from piezo_opt.identification.default import shown
+from piezo_opt.identification.shapes import own
 from piezo_opt.identification.starting import joint_start, joint_starts
 from tests.diagnosis.plants import (
     MOVING,
@@ -579,6 +580,7 @@ def test_friction_begins_at_what_a_mount_does() -> None:
         }  # fmt: skip
     assert Friction().like("hysteretic_force", {**own, "gamma": -1.0}) is None
     assert Friction().like("hysteretic_force", {**own, "delta": -1.0}) is None
+    assert Friction().like("hysteretic_force", {**own, "gamma": -0.5, "delta": 1.0}) is None
     assert HystereticForce().like("friction", {k: float(v) for k, v in like.items()}) == (
         pytest.approx({k: own[k] for k in ("alpha", "beta", "gamma", "delta")})
     )
@@ -644,6 +646,94 @@ def test_however_far_behind_friction_begins_at_what_a_mount_does(
     n = 1000.0
     fall = 2.0 * n * np.log(best.fit.rms / found.rms) - np.log(n)
     assert bic_gain(best.fit, found, n) == pytest.approx(fall)
+
+
+@pytest.fixture(scope="module")
+def rubbed() -> tuple[po.Fit, Rung, Rung, list[Rung]]:
+    """A fit that lacks friction, a smooth friction that is stuck, a mount that does what friction
+    does, and friction that does better and worse."""
+    time = clock(2000)
+    law = {"F": 20.0, "z0": 2e-6, "n": 2.0}
+    fit = fitted(MOVING, measured(MOVING, time, rich(time), (Friction(), law)))
+    suspects, _ = score(BasePoint(fit), [Friction(smooth=True), HystereticForce()])
+    smooth, mount = (adding(fit, s) for s in sorted(suspects, key=lambda s: s.name))
+    like = HystereticForce().like("friction", law)
+    assert like is not None
+    there = {**TRUTH, **{f"hysteretic_force.{k}": v for k, v in like.items()}}
+    found = solved(mount.question, {**mount.start, **there}, 1)
+    stuck = solved(smooth.question, {**smooth.start, "friction.w_c": 1.0}, 1)
+    question = replace(fit.question.with_model(MOVING + Friction()), free=("friction.n",))
+    right = {**TRUTH, **{f"friction.{k}": v for k, v in law.items()}}
+    better, worse = solved(question, right), solved(question, {**right, "friction.F": 20.3}, 0)
+    assert better.rms < found.rms < worse.rms
+    led = [Rung(replace(smooth, question=question), one, 0.0) for one in (better, worse)]
+    return fit, Rung(smooth, stuck, 0.0), Rung(mount, found, 0.0), led
+
+
+def test_an_imitation_is_tried_in_the_form_that_can_and_with_the_detail_that_it_moves(
+    rubbed: tuple[po.Fit, Rung, Rung, list[Rung]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fit, smooth, mount, _ = rubbed
+    assert smooth.fit.model["friction"] == Friction(smooth=True)
+    tried: list[Trial] = []
+
+    def best(_: po.Fit, rung: Rung, trials: Sequence[Trial], *__: object) -> Rung:
+        tried.extend(trials)
+        return rung
+
+    monkeypatch.setattr(module, "_best", best)
+    assert module._after(fit, smooth, mount, 1) is None
+    usual, finer = tried
+    assert usual.question.model["friction"] == finer.question.model["friction"] == Friction()
+    assert "friction.n" not in usual.question.free
+    assert usual.start["friction.n"] == 1.0
+    assert "friction.n" in finer.question.free
+    like = Friction().like("hysteretic_force", own(mount.fit.values, "hysteretic_force"))
+    assert like is not None
+    assert {k: finer.start[f"friction.{k}"] for k in like} == like
+    assert like["n"] > 1.1
+    assert finer.refines == ("friction.n",)
+    monkeypatch.undo()
+    after = module._after(fit, smooth, mount, 1)
+    assert after is not None
+    assert after.fit.rms == pytest.approx(NOISE, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("worse", "noise_is_left", "kept"),
+    [(True, False, False), (True, True, True), (False, False, True)],
+)
+def test_who_does_no_better_than_whom_it_imitates_counts_where_noise_is_left(
+    rubbed: tuple[po.Fit, Rung, Rung, list[Rung]], monkeypatch: pytest.MonkeyPatch,
+    worse: bool, noise_is_left: bool, kept: bool,
+) -> None:  # fmt: skip
+    """Fewer parameters had beaten a mount beside which the next effect is seen better."""
+    fit, smooth, mount, both = rubbed
+    led = both[worse]
+    monkeypatch.setattr(module, "_NEAR", 1.02)
+    monkeypatch.setattr(module, "settled", lambda _: False)
+    monkeypatch.setattr(module, "_explained", lambda _: False)
+    monkeypatch.setattr(module, "explained", lambda _: noise_is_left)
+    monkeypatch.setattr(module, "_chance", lambda _, rung, *__: Chance(rung, rung.suspect, ()))
+    monkeypatch.setattr(module, "_further", lambda _, chance, *__, **___: chance.rung)
+    monkeypatch.setattr(module, "_after", lambda *_: led)
+    found = contest(fit, [smooth, mount], fit.question, 1)
+    assert any(rung.fit is led.fit for rung in found) is kept
+
+
+def test_another_form_is_asked_for_mechanics_too(
+    rubbed: tuple[po.Fit, Rung, Rung, list[Rung]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fit, smooth, _, (led, _) = rubbed
+    asked: list[tuple[Rung, Rung]] = []
+    monkeypatch.setattr(module, "explained", lambda _: False)
+    monkeypatch.setattr(module, "_best", lambda *_: led)
+    monkeypatch.setattr(
+        module, "_moving", lambda _, before, best, *__: asked.append((before, best)) or best
+    )
+    assert smooth.suspect is not None
+    assert module._formed(fit, smooth, smooth.suspect, 1) is led
+    assert asked == [(smooth, led)]
 
 
 def in_the_contest(monkeypatch: pytest.MonkeyPatch) -> list[str]:

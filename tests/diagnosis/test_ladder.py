@@ -395,9 +395,67 @@ def test_who_was_left_behind_is_asked_afresh_where_a_ladder_ends_short_of_the_no
     if short:
         assert ladder.final.rms == pytest.approx(NOISE, rel=0.05)
         assert ladder.steps[0].rms_before == base.rms
-    # Where nobody does better what stands stays.
-    way = module._Climb(base, (), HeldOut(question, None, ""), [], told.append, 1)
-    assert way.afresh(module._Stand(ladder.final, None, (), ladder.steps)) is None
+    if not short:
+        return
+    # Where nobody does better what stands stays; nor does it go for who misses the other record.
+    held = hold_out(question, fit.records[0])
+    way = module._Climb(base, ladder.suspects, held, [], told.append, 2)
+    right = module._Stand(ladder.final, None, (), ladder.steps)
+    assert way.afresh(right) is None
+    poor = replace(right, fit=drifting, error=1e9 * np.ones(3))
+    assert way.afresh(poor) is not None
+    assert way.afresh(replace(poor, error=np.zeros(3))) is None
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_every_effect_is_asked_afresh_but_once(
+    named: bool, two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A lone name is told from several, and from none."""
+    ladder, held = two
+    told: list[bool] = []
+    asked: list[Any] = []
+
+    def short(_: po.Fit, __: HeldOut, *, lone: bool) -> bool:
+        told.append(lone)
+        return True
+
+    def afresh(_: Any, at: Any) -> Any:
+        asked.append(at)
+        return at
+
+    one = module._Stand(ladder.final, None, (), ladder.steps[:1])
+    choices = iter([(SimpleNamespace(suspect=True), None, ())] if named else [])
+    monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
+    monkeypatch.setattr(module, "nothing_to_win", lambda _: False)
+    monkeypatch.setattr(module, "short_of_noise", short)
+    monkeypatch.setattr(module._Climb, "lost", lambda *_, **__: False)
+    monkeypatch.setattr(module._Climb, "choice", lambda _, at: (at, next(choices, None)))
+    monkeypatch.setattr(module._Climb, "named", lambda *_: one)
+    monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
+    monkeypatch.setattr(module._Climb, "reconsidered", lambda _, at: at)
+    monkeypatch.setattr(module._Climb, "afresh", afresh)
+    climb(ladder.baseline, held, [])
+    assert told == [named, named]
+    assert len(asked) == 1
+
+
+def test_mechanics_that_a_name_makes_spare_are_told_as_dropped(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fit = crowded(CREEP)
+    question = po.Identification(STILL, fit.records)
+    base = solved(question, TRUTH_STILL)
+    moving = replace(base, question=question.with_model(STILL + SecondOrder()))
+    creeping = solved(question.with_model(STILL + Creep(elements=1)), {**base.values})
+    (suspect, *_), _ = module.scored(base, [Creep(elements=1)], 1)
+    rung = Rung(Trial(creeping.question, {}, suspect), creeping, 100.0)
+    monkeypatch.setattr(module, "lean", lambda _, rung, __: rung)
+    told: list[str] = []
+    way = module._Climb(moving, (suspect,), HeldOut(question, None, ""), [], told.append, 1)
+    stand = way.named(module._Stand(moving, None, (suspect,)), rung, None, ("creep",))
+    assert stand.dropped == ("second_order",)
+    assert told == ["dropped second_order", "accepted creep"]
 
 
 def test_two_steps_are_brought_to_their_detail_before_pairs_are_asked_for() -> None:
