@@ -167,7 +167,7 @@ def resonance_start(
     Args:
         question: with the mechanics.
         values: of the quasi-static fit.
-        residual: (N,) measured minus modelled of the first record [m].
+        residual: measured minus modelled on the counted samples of the first record [m].
         mechanics: name of the second order in the model.
         softness: strengths of forces over omega^2, by name: what they do where nothing resonates
             they do with every omega.
@@ -199,11 +199,11 @@ def _likeliest(record: Measurement, residual: FloatArray, candidates: list[float
 
     with a gain g that follows.
     """
-    if not record.uniform or len(record) < _FEWEST:
+    n = residual.size
+    if not record.uniform or n < _FEWEST:
         return candidates
-    n = len(record)
     window = np.hanning(n)
-    reading = record.position - residual
+    reading = record.position[record.counted] - residual
     line = np.linspace(reading[0], reading[-1], n)
     answer, left = (np.fft.rfft(window * x)[1:] for x in (reading - line, residual))
     turn = 2.0 * np.pi * np.fft.rfftfreq(n, record.step)[1:]

@@ -62,6 +62,10 @@ def test_spectra_tell_which_resonances_are_worth_a_simulation(hertz: float) -> N
     assert kept[0] == pytest.approx(omega, rel=0.01)
     assert omega in kept[:2]
     assert len(kept) == 5
+    # A start-up that is not counted has no residual.
+    later = measured.with_(startup=0.1)
+    counted = starting._likeliest(later, residual[later.counted], [*others, omega])
+    assert counted[0] == pytest.approx(omega, rel=0.01)
     # Spectra are of even time: else all are simulated.
     uneven = measured.with_(time=measured.time * (1.0 + 0.3 * measured.time))
     assert starting._likeliest(uneven, residual, others) == others
