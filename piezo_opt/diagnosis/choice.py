@@ -323,8 +323,8 @@ def astray(fit: Fit, held: HeldOut, *, several: bool) -> bool:
 def short_of_noise(fit: Fit, held: HeldOut, *, lone: bool) -> bool:
     """Whether a fit leaves more than noise, and no slow noise that the other record bears out.
 
-    One effect alone that leaves but noise must also carry over to the other record, and leave no
-    more than the noise may be: a law with more freedom does nearly what the right one does.
+    One effect alone must leave no more than the noise may be and carry over to the other record: a
+    law with more freedom does nearly what the right one does.
 
     Args:
         fit: the fit.
@@ -332,8 +332,10 @@ def short_of_noise(fit: Fit, held: HeldOut, *, lone: bool) -> bool:
         lone: whether just one effect has been found.
     """
     floor = noise_floor(fit)
+    if lone:
+        return fit.rms > floor.high or misjudged(fit, held)
     if fit.rms <= _NOISY * floor.rms:
-        return lone and (fit.rms > floor.high or misjudged(fit, held))
+        return False
     return structure(fit, floor).left or misjudged(fit, held)
 
 

@@ -386,7 +386,8 @@ def climb(
             both = way.together(at)
             at, ended = (at, ended) if both is None else (both, False)
         if ended:
-            short = short_of_noise(at.fit, held, lone=len(at.steps) == 1)
+            lone = len(at.steps) == 1
+            short = (lone and _liberal(at)) or short_of_noise(at.fit, held, lone=lone)
             again = way.afresh(at) if short and not renewed else None
             if again is None:
                 break
@@ -431,6 +432,12 @@ def climb(
         tuple(name for name in at.refined if name.split(".")[0] in at.fit.model),
         at.dropped,
     )
+
+
+def _liberal(at: _Stand) -> bool:
+    """Whether the first name has more parameters than it takes to do what a simpler one does."""
+    own = f"{at.steps[0].name}."
+    return sum(name.startswith(own) for name in at.fit.names) > _FREEDOM
 
 
 def _unaided(rung: Rung) -> Fit | None:

@@ -337,6 +337,7 @@ def test_a_fit_that_predicts_three_tenths_worse_than_it_fits_may_have_a_wrong_na
         (1.11, True, 1.0, False, True),
         (1.11, False, 1.4, False, False),
         (1.11, False, 1.5, False, True),
+        (1.11, False, 1.0, True, True),
     ],
 )
 def test_a_ladder_ends_short_of_the_noise_where_more_is_left_that_no_record_bears_out(

@@ -440,6 +440,34 @@ def test_every_effect_is_asked_afresh_but_once(
     assert len(asked) == 1
 
 
+@pytest.mark.parametrize(("many", "asked"), [(True, True), (False, False)])
+def test_a_lone_law_with_much_freedom_is_always_asked_against_all_others(
+    many: bool, asked: bool, two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It does what a simpler one does, and leaves but noise: a play had been a mount."""
+    ladder, held = two
+    begun: list[Any] = []
+    first = ladder.steps[0]
+    names = [f"{first.name}.{k}" for k in ("a", "b", "c", "d")[: 4 if many else 3]]
+    fit: Any = SimpleNamespace(names=(*names, "other.e"))
+    assert module._liberal(module._Stand(fit, None, (), (first,))) is many
+    one = module._Stand(ladder.final, None, (), (first,))
+    choices = iter([(SimpleNamespace(suspect=True), None, ())])
+    monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
+    monkeypatch.setattr(module, "nothing_to_win", lambda _: True)
+    monkeypatch.setattr(module, "short_of_noise", lambda *_, **__: False)
+    monkeypatch.setattr(module, "_liberal", lambda _: many)
+    monkeypatch.setattr(module._Climb, "lost", lambda *_, **__: False)
+    monkeypatch.setattr(module._Climb, "choice", lambda _, at: (at, next(choices, None)))
+    monkeypatch.setattr(module._Climb, "named", lambda *_: one)
+    monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
+    monkeypatch.setattr(module._Climb, "reconsidered", lambda _, at: at)
+    monkeypatch.setattr(module._Climb, "grouped", lambda _, at: at)
+    monkeypatch.setattr(module._Climb, "afresh", lambda _, at: begun.append(at))
+    climb(ladder.baseline, held, [])
+    assert bool(begun) is asked
+
+
 def test_mechanics_that_a_name_makes_spare_are_told_as_dropped(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
