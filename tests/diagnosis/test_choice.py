@@ -41,7 +41,7 @@ class Fitted(SimpleNamespace):
 def fit(error: float, elsewhere: float = 1.0) -> Any:
     """What the ladder reads of a fit: its error, and that on the held-out record."""
     return Fitted(
-        rms=error, elsewhere=elsewhere, question=NOTHING, values={}, at_bound=(),
+        rms=error, elsewhere=elsewhere, question=NOTHING, values={}, names=(), at_bound=(),
         model=Named(bouc_wen=SimpleNamespace(structural=True)), records=(None,),
     )  # fmt: skip
 
