@@ -192,7 +192,8 @@ class Simulator:
         """Root mean square by which a reading changes where every sub-step is cut in two [m]."""
         coarse = self.accuracy.substeps
         finer = self._run(values, replace(coarse, times=2 * coarse.times)).reading
-        return float(np.sqrt(np.mean((reading - finer) ** 2)))
+        with np.errstate(over="ignore"):  # a search may have led where a model runs away
+            return float(np.sqrt(np.mean((reading - finer) ** 2)))
 
     def response(self, values: Mapping[str, float]) -> Response:
         """Reading, states and sensitivities."""

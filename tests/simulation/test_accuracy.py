@@ -201,3 +201,11 @@ def test_halving_stops_where_it_helps_no_more() -> None:
     found = choose(run.system, segment, parameters, np.zeros(3), noisy, 1e-9)
     assert len(calls) < 20
     assert 1e-3 < found.error < 4e-3
+
+
+def test_a_reading_that_ran_away_is_infinitely_far_without_a_warning() -> None:
+    values = Values.nominal(BASE)
+    run = Simulator(BASE, record(0, Between.LINEAR), values)
+    reading = run.reading(values)
+    assert run.halving(values, reading) < 1e-3 * np.ptp(reading)
+    assert run.halving(values, np.full(reading.size, 1e200)) == np.inf
