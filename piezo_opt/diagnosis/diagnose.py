@@ -55,7 +55,7 @@ class Diagnosis:
         steps: accepted effects.
         refined: what was needed in more detail and is no new effect: parameters that were freed
             (an exponent, a second pole), mechanics that joined, effects in another form.
-        dropped: effects that a later step made unnecessary.
+        dropped: what became unnecessary on the way (effects, mechanics).
         structure: signs of structure in the final residual.
         held_out: how the judging data were chosen.
         experiments: drives worth playing next, and what each would tell.

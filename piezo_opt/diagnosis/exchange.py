@@ -23,7 +23,7 @@ from piezo_opt.diagnosis.refinements import explained, plausible, shape_refineme
 from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, adding, bic_gain, judged, race, solved
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.shortlist import scored, shortlist
-from piezo_opt.diagnosis.steps import Step
+from piezo_opt.diagnosis.steps import Step, freedom
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit
@@ -32,10 +32,10 @@ LIKELY = 1e-3
 """Corrected p-value below which a rival is fitted."""
 _NEAR = 1.5
 """Error over the best rival's up to which another one is tried in more detail."""
-_AHEAD = 0.8
-"""Error of a later step alone over that of the first one alone up to which it comes first."""
 _MOST = 3
 """Rivals that are tried so."""
+_AHEAD = 0.8
+"""Error of a later step alone over that of the first one alone up to which it comes first."""
 
 
 Exchange: TypeAlias = tuple[Fit, list[Step], list[tuple[str, str]]]
@@ -93,7 +93,7 @@ def exchange(
     for place, step in enumerate(steps):
         others = any(old != new for old, new in gone)
         judged_last = place == len(steps) - 1 and not (last or anew or others)
-        if judged_last or sum(k.startswith(f"{step.name}.") for k in fit.names) <= beyond:
+        if judged_last or freedom(fit, step.name) <= beyond:
             continue
         seen = _seen(foot, fit, step, candidates, threads, also)
         if seen is None:

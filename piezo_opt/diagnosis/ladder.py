@@ -33,7 +33,7 @@ from piezo_opt.diagnosis.refinements import lean
 from piezo_opt.diagnosis.rung import STRONG, Rung, bic_gain, solved
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name
 from piezo_opt.diagnosis.shortlist import scored
-from piezo_opt.diagnosis.steps import Step, shaped_further, step_to, topped
+from piezo_opt.diagnosis.steps import Step, freedom, shaped_further, step_to, topped
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, with_statistics
@@ -62,7 +62,8 @@ class Ladder:
         unscored: candidates that could not be scored, and why.
         refined: what was needed in more detail and is no new effect: parameters that were freed
             (an exponent, a second pole), mechanics that joined, effects in another form.
-        dropped: effects that a later step made unnecessary.
+        dropped: effects that a later step made unnecessary, or one that does better than all; and
+            mechanics that only imitated what was missing.
     """
 
     baseline: Fit
@@ -85,7 +86,7 @@ class _Stand:
         now: scores of what is absent there.
         steps: accepted effects.
         refined: what was needed in more detail.
-        dropped: effects that a later step made unnecessary.
+        dropped: what became unnecessary (see :class:`Ladder`).
         touched: whether the model has changed since its last step was judged.
         alone: every effect by itself beside a base that is not bent, where that was asked.
         scored_at: the fit that ``now`` was taken at, where it was.
@@ -436,8 +437,7 @@ def climb(
 
 def _liberal(at: _Stand) -> bool:
     """Whether the first name has more parameters than it takes to do what a simpler one does."""
-    own = f"{at.steps[0].name}."
-    return sum(name.startswith(own) for name in at.fit.names) > _FREEDOM
+    return freedom(at.fit, at.steps[0].name) > _FREEDOM
 
 
 def _unaided(rung: Rung) -> Fit | None:

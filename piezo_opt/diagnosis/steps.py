@@ -45,6 +45,11 @@ class Step:
     fit: Fit
 
 
+def freedom(fit: Fit, name: str) -> int:
+    """How many parameters of one effect a fit has estimated."""
+    return sum(k.startswith(f"{name}.") for k in fit.names)
+
+
 def step_to(
     fit: Fit,
     error: FloatArray | None,

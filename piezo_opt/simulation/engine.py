@@ -147,8 +147,7 @@ def _writers() -> str:
 
 
 def _address(array: FloatArray) -> int:
-    # Half the time of array.ctypes.data, and there are six of them a call.
-    return int(array.__array_interface__["data"][0])
+    return int(array.ctypes.data)
 
 
 @final
