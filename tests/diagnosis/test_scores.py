@@ -148,6 +148,16 @@ def test_long_run_variance_by_its_definition() -> None:
         assert long_run_variance(terms, lags) == pytest.approx(total / terms.size, rel=1e-9)
 
 
+def test_effective_samples_by_their_definition() -> None:
+    """Correlations count until the first one that is none, 2 / sqrt(N)."""
+    r = np.convolve(np.random.default_rng(3).normal(size=900), np.ones(12))
+    centred = r - r.mean()
+    rho = np.correlate(centred, centred, "full")[r.size - 1 :] / float(centred @ centred)
+    ends = int(np.flatnonzero(rho < 2.0 / np.sqrt(r.size))[0])
+    expected = r.size / (1.0 + 2.0 * float(rho[1 : 1 + ends].sum()))
+    assert effective_samples(r) == pytest.approx(expected, rel=1e-9)
+
+
 def test_memory_of_autoregressive_noise() -> None:
     runs = [autoregressive(seed, 4000, 0.8) for seed in range(20)]
     assert np.mean([effective_samples(r) for r in runs]) == pytest.approx(4000 / 9.0, rel=0.2)
