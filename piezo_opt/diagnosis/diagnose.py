@@ -12,6 +12,7 @@ from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, hold_out, rms, worded
 from piezo_opt.diagnosis.ladder import Ladder, climb
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
+from piezo_opt.diagnosis.points import Point, points
 from piezo_opt.diagnosis.rivals import Rival, in_words
 from piezo_opt.diagnosis.rivals import rivals as refitted
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, score
@@ -64,6 +65,8 @@ class Diagnosis:
             unless that is the verdict.
         rivals: other hysteresis laws in the place of the final model's own, best first; tried
             where more than noise is left, unless :func:`diagnose` was told otherwise.
+        foot: errors of the baseline on the part that is fitted and on the held-out one; None
+            without a ladder.
     """
 
     fit: Fit
@@ -81,6 +84,7 @@ class Diagnosis:
     invisible: tuple[str, ...] = ()
     unexplained: Unexplained | None = None
     rivals: tuple[Rival, ...] = ()
+    foot: Point | None = None
 
     def best(self) -> Effect:
         """The likeliest missing effect, to be added with ``model + diagnosis.best()``.
@@ -97,6 +101,16 @@ class Diagnosis:
             "No candidate explains more than noise would: there is nothing to add. Look at "
             "diagnosis.structure, or offer effects of your own (candidates=...)."
         )
+
+    @property
+    def ladder(self) -> tuple[Point, ...]:
+        """Errors after each thing that changed the model; empty without an accepted step."""
+        if self.foot is None:
+            return ()
+        return points(
+            self.foot, self.steps, self.final, base=self.fit.model, refined=self.refined,
+            dropped=self.dropped,
+        )  # fmt: skip
 
     @property
     def headline(self) -> str:
@@ -201,15 +215,14 @@ class Diagnosis:
                 f"{100 * s.visibility:>6.0f} % {s.p_value:>9.1e}"
             )
         if self.steps:
-            lines += ["", f"  {'ladder':<22} {'rms':>10} {'held out':>10} {'BIC falls':>10}"]
-            first = self.steps[0]
-            held = worded(first.held_out_before)
-            lines.append(f"  {'baseline':<22} {show(first.rms_before, 'm'):>10} {held:>10}")
-            for step in self.steps:
-                held = worded(step.held_out_after)
+            told = self.ladder
+            wide = max([22, *(len(point.label) for point in told)])
+            lines += ["", f"  {'ladder':<{wide}} {'rms':>10} {'held out':>10} {'BIC falls':>10}"]
+            for point in told:
+                falls = "" if point.delta_bic is None else f"{point.delta_bic:.0f}"
                 lines.append(
-                    f"  {'+ ' + step.name:<22} {show(step.rms_after, 'm'):>10} {held:>10} "
-                    f"{step.delta_bic:>10.0f}"
+                    f"  {point.label:<{wide}} {show(point.rms, 'm'):>10} "
+                    f"{worded(point.held_out):>10} {falls:>10}".rstrip()
                 )
         for title, sentences in (
             ("What is left", (*self.structure.clues, *_sentences(self.unexplained))),
@@ -326,6 +339,7 @@ def diagnose(
         invisible=invisible,
         unexplained=correction,
         rivals=others,
+        foot=Point("baseline", baseline.rms, rms(elsewhere(baseline, held))),
     )
 
 

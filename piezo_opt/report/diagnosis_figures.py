@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -45,64 +43,15 @@ SIGNIFICANT = 1e-3
 """Corrected p-value below which a bar is drawn in colour."""
 
 
-@final
-@dataclass(frozen=True)
-class Rung:
-    """One point of the ladder: errors [m] after what its label says."""
-
-    label: str
-    train: float
-    held_out: float | None
-
-
-def rungs(diagnosis: Diagnosis) -> tuple[Rung, ...]:
-    """The ladder from the baseline up; empty without an accepted step.
-
-    What changed the model between two steps without being an effect of its own (an exponent
-    freed, an effect given another shape, one dropped) is a rung of its own.
-    """
-    if not diagnosis.steps:
-        return ()
-    first = diagnosis.steps[0]
-    found = [Rung("baseline", first.rms_before, first.held_out_before)]
-    ways = [*_in_detail(diagnosis.refined), *(f"+ {name}" for name in diagnosis.dropped)]
-    between = ", ".join(ways) or "reshaped"
-    for step in diagnosis.steps:
-        if not _same(step.rms_before, found[-1].train):
-            found.append(Rung(between, step.rms_before, step.held_out_before))
-        found.append(Rung(f"+ {step.name}", step.rms_after, step.held_out_after))
-    top, final = diagnosis.steps[-1].fit, diagnosis.final
-    if final.records == top.records and not _same(final.rms, found[-1].train):
-        pruned = ", ".join(diagnosis.dropped)
-        found.append(Rung(f"- {pruned}" if pruned else between, final.rms, None))
-    return tuple(found)
-
-
-def _in_detail(refined: Sequence[str]) -> list[str]:
-    """Refinements in few words: "n free", "mains_pickup in detail"."""
-    own: dict[str, list[str]] = {}
-    for name in refined:
-        effect, _, parameter = name.partition(".")
-        own.setdefault(effect, []).extend([parameter] * bool(parameter))
-    return [
-        f"{freed[0]} free" if len(freed) == 1 else f"{effect} in detail"
-        for effect, freed in own.items()
-    ]
-
-
-def _same(one: float, other: float) -> bool:
-    return bool(np.isclose(one, other, rtol=1e-6, atol=0.0))
-
-
 def ladder(diagnosis: Diagnosis) -> Figure | None:
     """Error after each accepted effect, fitted and held out, over the noise floor."""
-    points = rungs(diagnosis)
+    points = diagnosis.ladder
     if not points:
         return None
     noise = diagnosis.noise
     with styled():
         made, (axis,) = figure(height=3.8)
-        train = np.array([p.train for p in points])
+        train = np.array([p.rms for p in points])
         held = np.array([np.nan if p.held_out is None else p.held_out for p in points])
         factor, unit = prefixed("m", train, held[np.isfinite(held)])
         place = np.arange(len(points))

@@ -175,7 +175,9 @@ def test_an_error_without_end_is_null_and_called_so(missing: Diagnosis) -> None:
     (step,) = missing.steps
     lost = replace(step, held_out_before=np.inf, held_out_after=np.inf)
     law = Rival("dahl", 1e-8, np.inf, -4.0, better=False)
-    diagnosis = replace(missing, steps=(lost,), rivals=(law,))
+    assert missing.foot is not None
+    foot = replace(missing.foot, held_out=np.inf)
+    diagnosis = replace(missing, steps=(lost,), rivals=(law,), foot=foot)
     data = json.loads(json.dumps(diagnosis.to_dict(), allow_nan=False))
     assert (data["steps"][0]["held_out_before"], data["steps"][0]["held_out_after"]) == (None, None)
     assert data["rivals"][0]["held_out"] is None

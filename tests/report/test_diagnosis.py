@@ -32,41 +32,26 @@ def loop() -> Diagnosis:
     return po.diagnose(po.solve(thesis_diagnosis.question()))
 
 
-def test_rungs_are_the_errors_of_the_steps(creeping: Diagnosis) -> None:
+def test_points_are_the_errors_of_the_steps(creeping: Diagnosis) -> None:
     (step,) = creeping.steps
-    first, second = diagnosis_figures.rungs(creeping)
+    first, second = creeping.ladder
     assert (first.label, second.label) == ("baseline", "+ creep")
-    assert (first.train, second.train) == (step.rms_before, step.rms_after)
+    assert (first.rms, second.rms) == (step.rms_before, step.rms_after)
     assert (first.held_out, second.held_out) == (step.held_out_before, step.held_out_after)
+    assert (first.delta_bic, second.delta_bic) == (None, step.delta_bic)
 
 
-def test_what_is_no_effect_is_a_rung_of_its_own(creeping: Diagnosis) -> None:
+def test_what_is_no_effect_is_a_point_of_its_own(creeping: Diagnosis) -> None:
     (step,) = creeping.steps
     later = dataclasses.replace(
         step, name="drift", rms_before=0.8 * step.rms_after, rms_after=0.7 * step.rms_after
     )
     two = dataclasses.replace(creeping, steps=(step, later), refined=("bouc_wen.n",))
-    labels = [rung.label for rung in diagnosis_figures.rungs(two)]
+    labels = [point.label for point in two.ladder]
     assert labels == ["baseline", "+ creep", "n free", "+ drift", "n free"]
     none = dataclasses.replace(creeping, steps=())
-    assert diagnosis_figures.rungs(none) == ()
+    assert none.ladder == ()
     assert diagnosis_figures.ladder(none) is None
-
-
-@pytest.mark.parametrize(
-    ("refined", "said"),
-    [
-        ((), []),
-        (("bouc_wen.n",), ["n free"]),
-        (("second_order",), ["second_order in detail"]),
-        (("bouc_wen.n", "bouc_wen.x0"), ["bouc_wen in detail"]),
-        (("bouc_wen.n", "creep", "creep.power"), ["n free", "power free"]),
-        (("mains_pickup.f", "second_order", "mains_pickup.s2", "bouc_wen.n"),
-         ["mains_pickup in detail", "second_order in detail", "n free"]),
-    ],
-)  # fmt: skip
-def test_refinements_are_told_in_few_words(refined: tuple[str, ...], said: list[str]) -> None:
-    assert diagnosis_figures._in_detail(refined) == said
 
 
 def test_the_ladder_is_drawn_down_to_the_noise(creeping: Diagnosis) -> None:

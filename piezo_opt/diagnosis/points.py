@@ -1,0 +1,86 @@
+"""The ladder as it is told: an error after each thing that changed the model."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from piezo_opt.diagnosis.steps import Step
+from piezo_opt.effects.model import Model
+from piezo_opt.identification import Fit
+
+
+@final
+@dataclass(frozen=True)
+class Point:
+    """One point of a ladder.
+
+    Attributes:
+        label: what was done.
+        rms: error on the fitted records after it [m].
+        held_out: error on the held-out record after it [m], None where that is not known.
+        delta_bic: by how much BIC fell, None where it was not for an effect.
+    """
+
+    label: str
+    rms: float
+    held_out: float | None = None
+    delta_bic: float | None = None
+
+
+def points(
+    foot: Point,
+    steps: Sequence[Step],
+    final: Fit,
+    *,
+    base: Model,
+    refined: Sequence[str],
+    dropped: Sequence[str],
+) -> tuple[Point, ...]:
+    """The ladder from its foot up; empty without an accepted step.
+
+    What changed the model between two steps without being an effect of its own (mechanics that
+    joined, an exponent freed, an effect given another shape, one dropped) is a point of its own.
+
+    Args:
+        foot: the baseline.
+        steps: accepted effects.
+        final: the fit at the top.
+        base: the model at the foot.
+        refined: what was needed in more detail.
+        dropped: what became unnecessary.
+    """
+    if not steps:
+        return ()
+    found = [foot]
+    joined = {name for name, effect in final.model if effect.structural and name not in base}
+    ways = [*_in_detail(refined, joined), *(f"+ {name}" for name in dropped)]
+    between = ", ".join(ways) or "reshaped"
+    for step in steps:
+        if not _same(step.rms_before, found[-1].rms):
+            found.append(Point(between, step.rms_before, step.held_out_before))
+        found.append(Point(f"+ {step.name}", step.rms_after, step.held_out_after, step.delta_bic))
+    if final.records == steps[-1].fit.records and not _same(final.rms, found[-1].rms):
+        pruned = ", ".join(dropped)
+        found.append(Point(f"- {pruned}" if pruned else between, final.rms))
+    return tuple(found)
+
+
+def _in_detail(refined: Sequence[str], joined: Collection[str]) -> list[str]:
+    """Refinements in few words: "n free", "mains_pickup in detail", "with second_order"."""
+    own: dict[str, list[str]] = {}
+    for name in refined:
+        effect, _, parameter = name.partition(".")
+        own.setdefault(effect, []).extend([parameter] * bool(parameter))
+    return [
+        f"with {effect}" if effect in joined
+        else f"{freed[0]} free" if len(freed) == 1 else f"{effect} in detail"
+        for effect, freed in own.items()
+    ]  # fmt: skip
+
+
+def _same(one: float, other: float) -> bool:
+    return bool(np.isclose(one, other, rtol=1e-6, atol=0.0))

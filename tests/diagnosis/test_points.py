@@ -1,0 +1,63 @@
+"""The ladder as it is told, from the baseline up."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from piezo_opt.diagnosis.points import Point, _in_detail, points
+from piezo_opt.effects import Creep, SecondOrder
+from tests.diagnosis.plants import STILL
+
+FOOT = Point("baseline", 9.0, 10.0)
+MOVING = STILL + SecondOrder() + Creep()
+
+
+def step(name: str, before: float, after: float) -> Any:
+    return SimpleNamespace(
+        name=name, rms_before=before, rms_after=after, held_out_before=before + 1.0,
+        held_out_after=after + 1.0, delta_bic=50.0, fit=SimpleNamespace(records=("one",)),
+    )  # fmt: skip
+
+
+def told(*steps: Any, final: float, refined: tuple[str, ...] = (), dropped: Any = ()) -> Any:
+    top: Any = SimpleNamespace(records=("one",), rms=final, model=MOVING)
+    return points(FOOT, steps, top, base=STILL, refined=refined, dropped=dropped)
+
+
+def test_it_begins_at_the_baseline_also_where_mechanics_joined_before_the_first_effect() -> None:
+    ladder = told(step("creep", 4.0, 2.0), final=2.0, refined=("second_order", "bouc_wen.n"))
+    assert ladder == (
+        FOOT,
+        Point("with second_order, n free", 4.0, 5.0),
+        Point("+ creep", 2.0, 3.0, 50.0),
+    )
+
+
+def test_what_was_dropped_was_there_in_between_and_is_not_at_the_end() -> None:
+    ladder = told(step("creep", 4.0, 2.0), final=2.1, dropped=("drift",))
+    assert [point.label for point in ladder] == ["baseline", "+ drift", "+ creep", "- drift"]
+    assert [point.rms for point in ladder] == [9.0, 4.0, 2.0, 2.1]
+
+
+def test_a_ladder_without_a_step_is_empty() -> None:
+    assert told(final=9.0, refined=("bouc_wen.n",)) == ()
+
+
+@pytest.mark.parametrize(
+    ("refined", "said"),
+    [
+        ((), []),
+        (("bouc_wen.n",), ["n free"]),
+        (("second_order",), ["with second_order"]),
+        (("bouc_wen.n", "bouc_wen.x0"), ["bouc_wen in detail"]),
+        (("bouc_wen.n", "creep", "creep.power"), ["n free", "power free"]),
+        (("creep",), ["creep in detail"]),
+        (("mains_pickup.f", "second_order", "mains_pickup.s2", "bouc_wen.n"),
+         ["mains_pickup in detail", "with second_order", "n free"]),
+    ],
+)  # fmt: skip
+def test_refinements_are_told_in_few_words(refined: tuple[str, ...], said: list[str]) -> None:
+    assert _in_detail(refined, {"second_order"}) == said
