@@ -20,7 +20,7 @@ from piezo_opt.diagnosis.refinements import (
     with_base_details,
 )
 from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, Trial, adding, finely, race
-from piezo_opt.diagnosis.scores import Suspect
+from piezo_opt.diagnosis.scores import Suspect, effective_samples
 from piezo_opt.diagnosis.shortlist import entrants, further, scored, shortlist
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.identification import Fit
@@ -306,6 +306,14 @@ def nothing_to_win(fit: Fit) -> bool:
     return (1.0 - _DETAIL) * fit.rms < noise_floor(fit).rms
 
 
+def shows_more(fit: Fit) -> bool:
+    """Whether the fitted record itself shows that something is missing: more than noise is left.
+
+    What only another record misses cannot be found here.
+    """
+    return not nothing_to_win(fit) or structure(fit, noise_floor(fit)).left
+
+
 def astray(fit: Fit, held: HeldOut, *, several: bool) -> bool:
     """Whether a fit leaves far more than noise, or somewhat more and misses the other record.
 
@@ -377,7 +385,20 @@ def _refitting(suspects: Sequence[Suspect]) -> str:
 
 
 def _leanest(level: Sequence[tuple[Rung, FloatArray | None]]) -> Rung | None:
-    """Whom BIC prefers; of those that it hardly tells apart the one with the least other error."""
+    """Whom BIC prefers; of those that it hardly tells apart whom both records together prefer.
+
+    One spare parameter costs less than strong evidence is, and what it wins on another record by
+    chance is worth less than what it costs: the log-likelihood there is added to BIC.
+    """
     most = max((rung.delta_bic for rung, _ in level), default=0.0)
     even = [(rung, error) for rung, error in level if most - rung.delta_bic < STRONG]
-    return min(even, key=lambda pair: rms(pair[1]) or 0.0, default=(None, None))[0]
+    if not even:
+        return None
+    least = min((error for _, error in even), key=lambda error: rms(error) or 0.0)
+    news = 0.0 if least is None else effective_samples(least)
+
+    def evidence(pair: tuple[Rung, FloatArray | None]) -> float:
+        rung, error = pair
+        return rung.delta_bic - 2.0 * news * float(np.log(rms(error) or 1.0))
+
+    return max(even, key=evidence)[0]

@@ -300,7 +300,7 @@ def diagnose(
     correction: Unexplained | None = None
     if left_over.left or final.rms > _ABOVE * floor.rms:
         tell("looking for the smallest correction")
-        correction = unexplained(final, floor)
+        correction = unexplained(final, floor, threads)
     # What can be described as a function of the chain's own signals is no noise either.
     described = correction is not None and correction.against is not None
     explained = "missing" if climbed.steps else "complete"

@@ -33,7 +33,8 @@ Methods for Ill-Posed Problems, ch. 3 (stopping by the discrepancy principle).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Final, TypeAlias, final
 
@@ -70,6 +71,7 @@ ENOUGH: Final = 0.9
 SEEN: Final = 0.2
 """Share from which a function of a signal is worth naming."""
 _Hats: TypeAlias = Mapping[Quantity, FloatArray]
+_Each: TypeAlias = Callable[[Callable[["Force"], "Force"], Iterable["Force"]], Iterable["Force"]]
 _HOME: Final = {
     Place.INPUT: (),
     Place.LOOP: (Quantity.DRIVE_RATE,),
@@ -179,14 +181,26 @@ def correction_force(
 
 
 def forces(
-    fit: Fit, noise: NoiseFloor | None = None, *, entering: Entering | None = None
+    fit: Fit,
+    noise: NoiseFloor | None = None,
+    *,
+    entering: Entering | None = None,
+    threads: int = 1,
 ) -> tuple[Force, ...]:
-    """The smallest correction for every place of the chain, the likeliest place first."""
+    """The smallest correction for every place of the chain, the likeliest place first.
+
+    Args:
+        fit: the fit whose residual is to be explained.
+        noise: the floor; estimated from the fit where none is given.
+        entering: the fit's answers to corrections, where they are known.
+        threads: places that are asked at a time.
+    """
     chain = Entering(fit) if entering is None else entering
     floor = noise_floor(fit) if noise is None else noise
     hats = _hats(chain)
-    found = [_force(chain, place, floor, hats) for place in chain.places]
-    return tuple(ranked(_with_products(chain, found, floor, hats)))
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        found = list(pool.map(lambda place: _force(chain, place, floor, hats), chain.places))
+        return tuple(ranked(_with_products(chain, found, floor, hats, pool.map)))
 
 
 def _hats(chain: Entering) -> _Hats:
@@ -215,21 +229,18 @@ def _force(chain: Entering, place: Place, floor: NoiseFloor, hats: _Hats) -> For
 
 
 def _with_products(
-    chain: Entering, found: list[Force], floor: NoiseFloor, hats: _Hats
+    chain: Entering, found: list[Force], floor: NoiseFloor, hats: _Hats, each: _Each = map
 ) -> list[Force]:
     """Functions of a second signal are asked only where one signal is not enough."""
     most = max(f.described for f in found)
     if most >= ENOUGH or not any(f.against for f in found):
         return found
-    return [
-        replace(
-            force,
-            against=_best_first(
-                (*force.against, *_described(chain, force.place, floor, hats, RATES)),
-            ),
-        )
-        for force in found
-    ]
+
+    def richer(force: Force) -> Force:
+        products = _described(chain, force.place, floor, hats, RATES)
+        return replace(force, against=_best_first((*force.against, *products)))
+
+    return list(each(richer, found))
 
 
 def _best_first(found: Iterable[Dependence]) -> tuple[Dependence, ...]:

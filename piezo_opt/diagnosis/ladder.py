@@ -21,6 +21,7 @@ from piezo_opt.diagnosis.choice import (
     refits,
     refits_afresh,
     short_of_noise,
+    shows_more,
 )
 from piezo_opt.diagnosis.confirm import confirmed
 from piezo_opt.diagnosis.detail import in_detail
@@ -44,6 +45,9 @@ _ALIKE = 0.9
 """Cosine at the foot from which two effects are the same physics in two shapes."""
 _SHAPING = 0.6
 """Error over that before below which a look-alike has done more than shape what was found."""
+_PART = 0.005
+"""Share of what is left that an absent effect must explain for a step to be asked for its place
+once more: less than a four-hundredth of the rms is what two forms of one effect differ by."""
 _MOST_ROUNDS = 7
 _FREEDOM = 3
 """Parameters of an effect beyond which it may do what a simpler one does."""
@@ -330,7 +334,7 @@ class _Climb:
         """
         joined = any(e.structural and n not in self.foot.model for n, e in at.fit.model)
         fresh = self.scored(at)
-        likely = {suspect.name for suspect in fresh.now if suspect.p_value < LIKELY}
+        likely = {s.name for s in fresh.now if s.p_value < LIKELY and s.score > _PART}
         lost = self.lost(at)
         if len(at.steps) > 1 and misjudged(at.fit, self.held):
             likely |= {name for step in at.steps for name in step.group if name != step.name}
@@ -384,7 +388,8 @@ def climb(
             lost = way.lost(at)
         if lost:
             paired = True
-            both = way.together(at)
+            # A pair is believed for what it explains here, whatever it does for the other record.
+            both = way.together(at) if shows_more(at.fit) else None
             at, ended = (at, ended) if both is None else (both, False)
         if ended:
             lone = len(at.steps) == 1

@@ -77,18 +77,19 @@ class Unexplained:
         )
 
 
-def unexplained(fit: Fit, noise: NoiseFloor) -> Unexplained | None:
+def unexplained(fit: Fit, noise: NoiseFloor, threads: int = 1) -> Unexplained | None:
     """Where and of what the residual of a fit is a function; None where it is but noise.
 
     Args:
         fit: the fit after which structure is left.
         noise: its noise floor.
+        threads: places that are asked at a time.
     """
     chain = Entering(fit)
     r = chain.residual
     if float(np.sqrt(r @ r / r.size)) <= bar(noise):
         return None
-    found = forces(fit, noise, entering=chain)
+    found = forces(fit, noise, entering=chain, threads=threads)
     first = found[0]
     if first.described < SEEN:
         return Unexplained(first.place, (first.place,), None, first.described, None, found)

@@ -41,6 +41,9 @@ _ROUGH = 1e-3
 """Error of the scheme that trials may have, as a share of the reading's range."""
 _LIKELIEST, _FEWEST = 5, 64
 """Natural frequencies of a grid that are simulated, and samples from which spectra tell which."""
+_STIFFER = 1.2
+"""Power left beside the likeliest natural frequency, over that left without mechanics, beyond which
+the actuator is stiffer than the record can show."""
 _STRETCH = 2500
 """Samples that are enough to choose a resonance by."""
 _FOLLOWED = 4
@@ -162,7 +165,10 @@ def resonance_start(
     mechanics: str,
     softness: Mapping[str, float],
 ) -> Values | None:
-    """Where to begin when mechanics join a quasi-static fit; None where no trial can be simulated.
+    """Where to begin when mechanics join a quasi-static fit; None where nothing can begin.
+
+    Nothing can where no trial can be simulated, or where even the stiffest mechanics that the
+    record could show would round off what it does show.
 
     Args:
         question: with the mechanics.
@@ -174,26 +180,28 @@ def resonance_start(
     """
     light = _light(question)
     record = light.campaign.records[0]
+    grid = (np.geomspace(0.1, 0.9, 14) * np.pi / record.step).tolist()
+    candidates = _likeliest(record, residual, resonances(record, residual), grid)
+    if not candidates:
+        return None
     search = _Search(light, Monitor(()))
     start = {**Values.nominal(question.model), **values}
-    grid = (np.geomspace(0.1, 0.9, 14) * np.pi / record.step).tolist()
     best = _scan_resonance(
-        search,
-        start,
-        f"{mechanics}.omega",
-        [f"{mechanics}.zeta"],
-        [*resonances(record, residual), *_likeliest(record, residual, grid)],
-        softness,
+        search, start, f"{mechanics}.omega", [f"{mechanics}.zeta"], candidates, softness
     )
     if best == start:
         return None
     return Values({**start, **best})
 
 
-def _likeliest(record: Measurement, residual: FloatArray, candidates: list[float]) -> list[float]:
-    """The natural frequencies that explain most of a residual, from the spectra; all if uneven.
+def _likeliest(
+    record: Measurement, residual: FloatArray, peaks: list[float], grid: list[float]
+) -> list[float]:
+    """Peaks, and the natural frequencies of a grid that explain most of a residual.
 
-    Mechanics behind a quasi-static model make nearly g G Y of its reading's spectrum Y,
+    By the spectra; all where time is uneven, and none where even the likeliest leaves far more than
+    no mechanics do. Mechanics behind a quasi-static model make nearly g G Y of its reading's
+    spectrum Y,
 
         G = 1 / (1 - (f / f_0)^2 + 2 i zeta f / f_0)
 
@@ -201,7 +209,7 @@ def _likeliest(record: Measurement, residual: FloatArray, candidates: list[float
     """
     n = residual.size
     if not record.uniform or n < _FEWEST:
-        return candidates
+        return [*peaks, *grid]
     window = np.hanning(n)
     reading = record.position[record.counted] - residual
     line = np.linspace(reading[0], reading[-1], n)
@@ -216,7 +224,10 @@ def _likeliest(record: Measurement, residual: FloatArray, candidates: list[float
         rest = whole - float(np.vdot(moved, whole).real) / power * moved
         return float(np.vdot(rest, rest).real)
 
-    return sorted(candidates, key=unexplained)[:_LIKELIEST]
+    beside = {omega: unexplained(omega) for omega in (*peaks, *grid)}
+    if min(beside.values()) > _STIFFER * unexplained(np.inf):
+        return []
+    return [*peaks, *sorted(grid, key=lambda omega: beside[omega])[:_LIKELIEST]]
 
 
 def joint_start(question: Identification, name: str) -> Values:

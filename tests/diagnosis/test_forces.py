@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
+import threading
 import time
+from contextlib import suppress
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +22,7 @@ from piezo_opt.simulation import Simulator
 from tests.diagnosis.planted import FLOOR, entering, planted, swept
 from tests.diagnosis.plants import MOVING, NOISE, STILL, TRUTH, clock, fitted, measured
 
+module = importlib.import_module("piezo_opt.diagnosis.forces")
 SHORT = clock(400, 2000.0)
 COARSE = po.SingleShooting(refine=False)
 
@@ -140,6 +145,30 @@ def test_a_planted_force_is_found(name: str, place: Place, against: str, least: 
     assert best.rms_after == pytest.approx(NOISE, rel=1e-6)
     # Every place could explain it; this one, or its twin, needs the least.
     assert (best.relative < 1.05 * min(f.relative for f in found)) is least
+
+
+def test_two_places_are_asked_at_a_time_and_answer_as_one_after_the_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fit, chain = planted("drag"), entering("drag")
+    alone = forces(fit, FLOOR, entering=chain)
+    both = threading.Barrier(2)
+    plain = module._smallest
+
+    def met(*given: Any) -> Any:
+        with suppress(threading.BrokenBarrierError):
+            both.wait(10.0)
+            seen.append(threading.get_ident())
+        return plain(*given)
+
+    seen: list[int] = []
+    monkeypatch.setattr(module, "_smallest", met)
+    found = forces(fit, FLOOR, entering=chain, threads=2)
+    assert len(set(seen)) == 2
+    assert [f.place for f in found] == [f.place for f in alone]
+    for one, other in zip(found, alone, strict=True):
+        assert one.against == other.against
+        assert one.rms == other.rms
 
 
 def test_the_correction_does_what_the_planted_force_does() -> None:

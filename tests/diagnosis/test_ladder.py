@@ -548,6 +548,7 @@ def test_details_come_before_pairs_and_pairs_are_asked_for_once(
     monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
     monkeypatch.setattr(module, "astray", lambda *_, **__: True)
     monkeypatch.setattr(module, "nothing_to_win", lambda _: False)
+    monkeypatch.setattr(module, "shows_more", lambda _: True)
     monkeypatch.setattr(module._Climb, "choice", lambda _, at: (at, next(choices)))
     monkeypatch.setattr(module._Climb, "named", noted("named", both))
     monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
@@ -559,20 +560,22 @@ def test_details_come_before_pairs_and_pairs_are_asked_for_once(
 
 
 @pytest.mark.parametrize(
-    ("missed", "helped", "asked"),
+    ("missed", "helped", "shown", "asked"),
     [
-        (False, False, ["reconsidered"]),
-        (True, False, ["reconsidered", "together"]),
-        (True, True, ["reconsidered"]),
+        (False, False, True, ["reconsidered"]),
+        (True, False, True, ["reconsidered", "together"]),
+        (True, False, False, ["reconsidered"]),
+        (True, True, True, ["reconsidered"]),
     ],
 )
 def test_pairs_are_asked_for_where_two_leave_but_noise_and_miss_the_other_record(
     two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch,
-    missed: bool, helped: bool, asked: list[str],
+    missed: bool, helped: bool, shown: bool, asked: list[str],
 ) -> None:  # fmt: skip
     """Unless one of the two gives way to another one and both reach it then; each asked once.
 
-    Nothing else is asked: there is nothing to be won where it is fitted.
+    Nothing else is asked: there is nothing to be won where it is fitted; nor are pairs where that
+    record shows no structure either, for which alone a pair is believed.
     """
     ladder, held = two
     order: list[str] = []
@@ -593,6 +596,7 @@ def test_pairs_are_asked_for_where_two_leave_but_noise_and_miss_the_other_record
     monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
     monkeypatch.setattr(module, "astray", astray)
     monkeypatch.setattr(module, "nothing_to_win", lambda _: True)
+    monkeypatch.setattr(module, "shows_more", lambda _: shown)
     monkeypatch.setattr(module._Climb, "choice", lambda _, at: (at, next(choices)))
     monkeypatch.setattr(module._Climb, "named", lambda *_: both)
     monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
@@ -687,14 +691,16 @@ def test_scores_are_taken_beside_the_pruning_and_once_at_a_fit(
     assert way.scored(found) is found
 
 
-@pytest.mark.parametrize(("p_value", "asked"), [(1e-9, [0]), (1e-2, [])])
+@pytest.mark.parametrize(
+    ("p_value", "score", "asked"), [(1e-9, 0.006, [0]), (1e-2, 0.006, []), (1e-9, 0.004, [])]
+)
 def test_steps_are_asked_again_where_an_effect_still_explains_what_is_left(
     two: tuple[Ladder, HeldOut], exchanges: list[dict[str, Any]],
-    monkeypatch: pytest.MonkeyPatch, p_value: float, asked: list[int],
+    monkeypatch: pytest.MonkeyPatch, p_value: float, score: float, asked: list[int],
 ) -> None:  # fmt: skip
     """It may be too little for a name of its own, and what a step only imitates."""
     ladder, held = two
-    scores = (SimpleNamespace(name="drift", p_value=p_value),)
+    scores = (SimpleNamespace(name="drift", p_value=p_value, score=score),)
     monkeypatch.setattr(module, "scored", lambda *_: (scores, ()))
     way = module._Climb(ladder.baseline, (), held, [], lambda _: None, 1)
     way.reconsidered(module._Stand(ladder.final, None, (), ladder.steps))
@@ -711,7 +717,8 @@ def test_the_last_step_is_asked_again_where_it_is_alone_or_has_other_mechanics(
     """A lone one may stand for an effect that explained nothing at the foot: it is asked too."""
     ladder, held = two
     scores = (
-        SimpleNamespace(name="drift", p_value=0.0), SimpleNamespace(name="delay", p_value=0.1),
+        SimpleNamespace(name="drift", p_value=0.0, score=0.1),
+        SimpleNamespace(name="delay", p_value=0.1, score=0.1),
     )  # fmt: skip
     monkeypatch.setattr(module, "scored", lambda *_: (scores, ()))
     foot: Any = SimpleNamespace(model=base)

@@ -19,8 +19,15 @@ from piezo_opt.effects import (
 from piezo_opt.identification import starting
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.shapes import resolving
-from piezo_opt.identification.starting import _Search, joint_starts, starting_values, straight_line
+from piezo_opt.identification.starting import (
+    _Search,
+    joint_starts,
+    resonance_start,
+    starting_values,
+    straight_line,
+)
 from piezo_opt.measurement import FloatArray
+from piezo_opt.values import Values
 from tests.identification.truth import LINE, MOVING, STILL, TRUTH, loops, objective_of, record
 
 RATE = 2000.0
@@ -58,17 +65,37 @@ def test_spectra_tell_which_resonances_are_worth_a_simulation(hertz: float) -> N
     residual = measured.position - quasi_static
     omega = truth["second_order.omega"]
     others = np.geomspace(2.0 * np.pi * 5.0, 0.9 * np.pi * RATE, 29).tolist()
-    kept = starting._likeliest(measured, residual, [*others, omega])
+    kept = starting._likeliest(measured, residual, [], [*others, omega])
     assert kept[0] == pytest.approx(omega, rel=0.01)
     assert omega in kept[:2]
     assert len(kept) == 5
     # A start-up that is not counted has no residual.
     later = measured.with_(startup=0.1)
-    counted = starting._likeliest(later, residual[later.counted], [*others, omega])
+    counted = starting._likeliest(later, residual[later.counted], [], [*others, omega])
     assert counted[0] == pytest.approx(omega, rel=0.01)
     # Spectra are of even time: else all are simulated.
     uneven = measured.with_(time=measured.time * (1.0 + 0.3 * measured.time))
-    assert starting._likeliest(uneven, residual, others) == others
+    assert starting._likeliest(uneven, residual, [3.0], others) == [3.0, *others]
+
+
+@pytest.mark.parametrize("hertz", [60.0, 640.0])
+def test_an_actuator_stiffer_than_its_record_can_show_is_not_searched(hertz: float) -> None:
+    """Where even the stiffest mechanics that can be sampled round off what the record shows."""
+    grid = np.geomspace(0.1 * np.pi * RATE, 0.9 * np.pi * RATE, 14).tolist()
+    truth = {k: v for k, v in TRUTH.items() if not k.startswith("second_order")}
+    stiff = record(STILL, truth, *steps(), noise=5e-9)
+    left = stiff.position - po.simulate(STILL, stiff, truth).reading
+    assert starting._likeliest(stiff, left, [], grid) == []
+    start = {**Values.nominal(STILL), **truth}
+    question = po.Identification(MOVING, stiff, start=po.Start.REST)
+    assert resonance_start(question, start, left, "second_order", {}) is None
+    # Far less damped than the trial is.
+    moving, swung = ringing(hertz, zeta=0.005)
+    still = moving.position - po.simulate(STILL, moving, truth).reading
+    question = po.Identification(MOVING, moving, start=po.Start.REST)
+    found = resonance_start(question, start, still, "second_order", {})
+    assert found is not None
+    assert found["second_order.omega"] == pytest.approx(swung["second_order.omega"], rel=0.1)
 
 
 def shaken(hertz: float) -> tuple[po.Measurement, dict[str, float]]:
