@@ -248,7 +248,8 @@ def ordered(
     as_well = _AS_WELL * (rms(pairs[0][1]) or 0.0)
     named = [(r, e) for r, e in pairs if r.suspect is not None]
     level = [(r, e) for r, e in named if (rms(e) or 0.0) <= as_well and both((r, e)) <= enough]
-    lean = _leanest([(r, e) for r, e in level if explained(r.fit)]) or _leanest(level)
+    quiet = [(r, e) for r, e in level if explained(r.fit)] or level
+    lean = _leanest(quiet, exact=any(nothing_to_win(r.fit) for r, _ in quiet))
 
     def later(pair: tuple[Rung, FloatArray | None]) -> tuple[bool, bool]:
         rung, _ = pair
@@ -384,18 +385,21 @@ def _refitting(suspects: Sequence[Suspect]) -> str:
     return f"refitting with {', '.join(names) or 'more detail'}"
 
 
-def _leanest(level: Sequence[tuple[Rung, FloatArray | None]]) -> Rung | None:
+def _leanest(level: Sequence[tuple[Rung, FloatArray | None]], *, exact: bool) -> Rung | None:
     """Whom BIC prefers; of those that it hardly tells apart whom both records together prefer.
 
     One spare parameter costs less than strong evidence is, and what it wins on another record by
-    chance is worth less than what it costs: the log-likelihood there is added to BIC.
+    chance is worth less than that: the log-likelihood there is added to BIC. Where not even noise
+    is reached, none is right yet and no parameter spare: the least other error decides.
     """
     most = max((rung.delta_bic for rung, _ in level), default=0.0)
     even = [(rung, error) for rung, error in level if most - rung.delta_bic < STRONG]
     if not even:
         return None
-    least = min((error for _, error in even), key=lambda error: rms(error) or 0.0)
-    news = 0.0 if least is None else effective_samples(least)
+    closest, least = min(even, key=lambda pair: rms(pair[1]) or 0.0)
+    if not exact or least is None:
+        return closest
+    news = effective_samples(least)
 
     def evidence(pair: tuple[Rung, FloatArray | None]) -> float:
         rung, error = pair

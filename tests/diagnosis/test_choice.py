@@ -85,6 +85,7 @@ def judged(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
     monkeypatch.setattr(choice, "elsewhere", elsewhere)
     monkeypatch.setattr(choice, "explained", lambda _: False)
+    monkeypatch.setattr(choice, "nothing_to_win", lambda _: False)
     return seen
 
 
@@ -122,19 +123,23 @@ def test_of_two_that_predict_as_well_the_one_with_fewer_parameters_is_first() ->
 
 @pytest.mark.usefixtures("judged")
 @pytest.mark.parametrize(
-    ("gain", "better", "first"),
+    ("gain", "better", "exact", "first"),
     [
-        (90.1, 0.005, "reaching"),
-        (89.9, 0.005, "likelier"),
+        (90.1, 0.005, True, "reaching"),
+        (89.9, 0.005, True, "likelier"),
         # On 4000 samples a thousandth is worth 8, and a spare parameter costs about as much.
-        (90.1, 0.0013, "reaching"),
-        (90.1, 0.0012, "likelier"),
+        (90.1, 0.0013, True, "reaching"),
+        (90.1, 0.0012, True, "likelier"),
+        # Who leaves more than noise is not right yet, and has nothing to spare.
+        (90.1, 0.0012, False, "reaching"),
+        (89.9, 0.0012, False, "likelier"),
     ],
 )
 def test_of_two_that_bic_hardly_tells_apart_the_one_that_both_records_prefer_is_first(
-    gain: float, better: float, first: str
+    monkeypatch: pytest.MonkeyPatch, gain: float, better: float, exact: bool, first: str
 ) -> None:
     """Within strong evidence, 10; friction with a Stribeck effect does nearly what a mount does."""
+    monkeypatch.setattr(choice, "nothing_to_win", lambda _: exact)
     likelier = effect("likelier", 1.0, 1.0 + better, 100.0)
     reaching = effect("reaching", 1.0, 1.0, gain)
     assert asked([likelier, reaching])[0] == asked([reaching, likelier])[0] == first
@@ -212,6 +217,7 @@ def test_what_cannot_be_simulated_elsewhere_is_asked_last(
     monkeypatch.setattr(sound.fit, "predict", lambda _, **_way: np.zeros(3), raising=False)
     monkeypatch.setattr(broken.fit, "predict", lost, raising=False)
     monkeypatch.setattr(choice, "explained", lambda _: False)
+    monkeypatch.setattr(choice, "nothing_to_win", lambda _: False)
     held = replace(JUDGED, record=record)
     (first, error), (last, none) = choice.ordered([broken, sound], held, 1)
     assert (label(first), label(last)) == ("sound", "broken")
