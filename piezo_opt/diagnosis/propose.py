@@ -51,11 +51,22 @@ _GONE: Final = 1e-6
 """Squared share of a term below which the fitted parameters or other terms explain it away."""
 
 
-def propose(chain: Entering, place: Place, noise: NoiseFloor) -> Formula | None:
-    """A formula for the correction that enters a place; None where no term is worth its price."""
+def propose(
+    chain: Entering, place: Place, noise: NoiseFloor, period: float | None = None
+) -> Formula | None:
+    """A formula for the correction that enters a place; None where no term is worth its price.
+
+    Args:
+        chain: the fit's answers to corrections.
+        place: where it enters.
+        noise: the floor.
+        period: of a wave along the position [m] that is known, and offered beside the usual ones.
+    """
     signals = {q: chain.trajectory.signals[q] for q in readable(chain, place)}
     columns = _Columns(chain, place, signals)
     columns.offer(library(signals))
+    if period is not None and Quantity.POSITION in signals:
+        columns.offer(waves_of(Quantity.POSITION, period / (2.0 * np.pi), signals))
     chosen = columns.select(noise)
     step = 16.0 ** (1.0 / (_WAVES - 1))
     for _ in range(_REFINED):

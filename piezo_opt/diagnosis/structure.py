@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.following import follows_drive
 from piezo_opt.diagnosis.noise import REMEMBERED, NoiseFloor, correlations
+from piezo_opt.diagnosis.periodic import period
 from piezo_opt.diagnosis.slow_noise import LEAST
 from piezo_opt.identification import Fit
 from piezo_opt.units import show
@@ -46,7 +47,8 @@ class Structure:
 
 @lru_cache(maxsize=REMEMBERED)
 def structure(fit: Fit, noise: NoiseFloor) -> Structure:
-    """Look for what noise does not do: follow the drive, come in bursts, exceed the floor."""
+    """Look for what noise does not do: follow the drive, repeat with the position, come in bursts,
+    exceed the floor."""
     clues: list[str] = []
     if noise.measured and fit.rms > 1.1 * noise.high:
         clues.append(
@@ -65,10 +67,25 @@ def structure(fit: Fit, noise: NoiseFloor) -> Structure:
         worst, name = follows_drive(fit, point, noise.rms)
         if worst < _RARE:
             clues.append(f"The residual follows the drive: it correlates with {name}.")
+        length = repetition(fit)
+        if length is not None:
+            clues.append(
+                f"The residual repeats with the position, every {show(length, 'm')}: a periodic "
+                "error of the sensor (an interferometer's fringes, an encoder's lines)."
+            )
     burst = _bursts(r)
     if burst is not None:
         clues.append(burst)
     return Structure(bool(clues), tuple(clues))
+
+
+def repetition(fit: Fit) -> float | None:
+    """Period [m] with which a fit's residual repeats along the reading; None where it does not."""
+    found = (
+        period(fit.readings[index][record.counted], fit.residual(index))
+        for index, record in enumerate(fit.records)
+    )
+    return next((length for length in found if length is not None), None)
 
 
 def _tells(fit: Fit) -> bool:

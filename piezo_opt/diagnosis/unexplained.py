@@ -8,10 +8,12 @@ from typing import Any, final
 import numpy as np
 
 from piezo_opt.diagnosis.entering import Entering
-from piezo_opt.diagnosis.forces import LEVEL, SEEN, Force, bar, forces
+from piezo_opt.diagnosis.forces import LEVEL, SEEN, Dependence, Force, bar, forces
 from piezo_opt.diagnosis.formula import Formula
 from piezo_opt.diagnosis.noise import NoiseFloor
 from piezo_opt.diagnosis.propose import propose
+from piezo_opt.diagnosis.structure import repetition
+from piezo_opt.diagnosis.trajectory import Quantity
 from piezo_opt.effects.base import Place
 from piezo_opt.identification import Fit
 
@@ -91,8 +93,26 @@ def unexplained(fit: Fit, noise: NoiseFloor, threads: int = 1) -> Unexplained | 
         return None
     found = forces(fit, noise, entering=chain, threads=threads)
     first = found[0]
+    repeating = _repeating(chain, noise, found)
+    if repeating is not None and repeating.share > first.described:
+        return repeating
     if first.described < SEEN:
         return Unexplained(first.place, (first.place,), None, first.described, None, found)
     formula = propose(chain, first.place, noise)
     level = tuple(f.place for f in found if f.described >= first.described - LEVEL)
     return Unexplained(first.place, level, str(first.against[0]), first.described, formula, found)
+
+
+def _repeating(chain: Entering, noise: NoiseFloor, found: tuple[Force, ...]) -> Unexplained | None:
+    """A correction of the output that repeats with the position; None where none does.
+
+    Functions of a signal that are asked everywhere have too few knots to follow it.
+    """
+    length = repetition(chain.fit)
+    if length is None:
+        return None
+    formula = propose(chain, Place.OUTPUT, noise, length)
+    if formula is None or formula.share < SEEN:
+        return None
+    position = str(Dependence(Quantity.POSITION, None, formula.share))
+    return Unexplained(Place.OUTPUT, (Place.OUTPUT,), position, formula.share, formula, found)

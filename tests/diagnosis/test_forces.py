@@ -15,6 +15,7 @@ import piezo_opt as po
 from piezo_opt.diagnosis import Force, Quantity, correction_force, forces, unexplained
 from piezo_opt.diagnosis.entering import Entering, _channels, _probe
 from piezo_opt.diagnosis.forces import pieces
+from piezo_opt.diagnosis.structure import structure
 from piezo_opt.diagnosis.trajectory import initial_of, numbers_of
 from piezo_opt.effects import AmplifierLag, BoucWen, Delay, Offset, PiezoGain
 from piezo_opt.effects.base import Place
@@ -207,6 +208,30 @@ def test_an_input_that_nobody_recorded_is_a_function_of_nothing() -> None:
     assert left.formula is None
     assert left.share < 0.2
     assert "not recorded" in str(left)
+
+
+def test_what_repeats_with_the_position_is_a_wave_of_the_output() -> None:
+    """Fringes are too fine for a function with a few knots; their period is found first."""
+    t = clock(4000, 2000.0)
+    clean = measured(MOVING, t, swept(t), noise=np.zeros(t.size))
+    period = float(np.ptp(clean.position)) / 12.3
+    fringes = 5.0 * NOISE * np.cos(2.0 * np.pi * clean.position / period)
+    noise = NOISE * np.random.default_rng(8).normal(size=t.size)
+    fit = fitted(MOVING, clean.with_(position=clean.position + fringes + noise))
+    said = structure(fit, FLOOR)
+    assert any("repeats with the position" in clue for clue in said.clues)
+    left = unexplained(fit, FLOOR)
+    assert left is not None
+    assert left.place is Place.OUTPUT
+    assert left.against == "x"
+    assert left.share > 0.95
+    assert left.formula is not None
+    waves = {f for term in left.formula.terms for f in term.factors}
+    assert {wave.quantity for wave in waves} == {Quantity.POSITION}
+    assert [2.0 * np.pi * w.scale for w in waves] == pytest.approx(len(waves) * [period], rel=0.1)
+    richer = po.solve(fit.question.with_model(fit.model + left.formula.as_effect()), start=fit)
+    assert fit.rms > 3.5 * NOISE
+    assert richer.rms < 1.1 * NOISE
 
 
 def test_strain_and_motion_are_told_to_be_twins() -> None:
