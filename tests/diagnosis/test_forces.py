@@ -214,7 +214,7 @@ def test_what_repeats_with_the_position_is_a_wave_of_the_output() -> None:
     """Fringes are too fine for a function with a few knots; their period is found first."""
     t = clock(4000, 2000.0)
     clean = measured(MOVING, t, swept(t), noise=np.zeros(t.size))
-    period = float(np.ptp(clean.position)) / 12.3
+    period = float(np.ptp(clean.position)) / 21.3
     fringes = 5.0 * NOISE * np.cos(2.0 * np.pi * clean.position / period)
     noise = NOISE * np.random.default_rng(8).normal(size=t.size)
     fit = fitted(MOVING, clean.with_(position=clean.position + fringes + noise))
