@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -37,6 +38,8 @@ _APART = 0.15
 """Logarithm of fitted over held-out error from which both are written beside their points."""
 _BINS = 16
 """Bins in which a correction is averaged over the signal that it depends on."""
+_LETTERS = 84
+"""Letters that fit side by side under an axis."""
 _WINDOW = 0.04
 """Part of the record that the zoom shows."""
 SIGNIFICANT = 1e-3
@@ -93,13 +96,23 @@ def ladder(diagnosis: Diagnosis) -> Figure | None:
             if np.isfinite(other) and abs(np.log(other / now)) > _APART:
                 text = f"{other:.3g} {unit}"
                 _beside(axis, float(x), float(other), text, VERMILLION, below=not below)
-        axis.set_xticks(place, [p.label for p in points])
-        axis.set_xlim(-0.3, len(points) - 0.45)
+        axis.set_xticks(place, [_wrapped(p.label, _LETTERS // len(points)) for p in points])
+        axis.set_xlim(-0.5, len(points) - 0.45)
         axis.grid(visible=False, axis="x")
         axis.set_ylabel(labelled("rms error", unit))
         axis.set_title("The ladder: the error as effects are added")
         legend_below(made, axis)
         return made
+
+
+def _wrapped(label: str, width: int) -> str:
+    """A label in lines of so many letters, broken after a blank or an underscore."""
+    lines = [""]
+    for part in re.findall(r"[^ _]*[ _]?", label):
+        if lines[-1] and len(lines[-1]) + len(part.rstrip()) > width:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(line.strip() for line in lines)
 
 
 def _beside(axis: Axes, x: float, y: float, text: str, colour: str, *, below: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from html import unescape
 from pathlib import Path
 
@@ -52,6 +53,27 @@ def test_what_is_no_effect_is_a_point_of_its_own(creeping: Diagnosis) -> None:
     none = dataclasses.replace(creeping, steps=())
     assert none.ladder == ()
     assert diagnosis_figures.ladder(none) is None
+
+
+def test_long_names_of_a_ladder_do_not_overlap(creeping: Diagnosis) -> None:
+    (step,) = creeping.steps
+    names = ("sensor_nonlinearity", "charge_back_coupling", "interferometer_fringes")
+    steps = [dataclasses.replace(step, name=name, rms_before=step.rms_after) for name in names]
+    last = dataclasses.replace(steps[-1], rms_before=0.9 * step.rms_after)
+    details = ("bouc_wen.n", "asymmetry.delta", "asymmetry.n", "hysteretic_force.n")
+    many = dataclasses.replace(creeping, steps=(step, *steps[:-1], last), refined=details)
+    drawn = diagnosis_figures.ladder(many)
+    assert drawn is not None
+    drawn.canvas.draw()
+    (axis,) = drawn.axes
+    labels = [label for label in axis.get_xticklabels() if label.get_text()]
+    boxes = [label.get_window_extent() for label in labels]
+    assert len(boxes) == 6
+    assert all(a.x1 < b.x0 for a, b in itertools.pairwise(boxes))
+    # Broken where a name may be, and whole where there is room.
+    wrapped = diagnosis_figures._wrapped("+ sensor_nonlinearity, n free", 21)
+    assert wrapped == "+ sensor_\nnonlinearity, n free"
+    assert diagnosis_figures._wrapped("+ sensor_nonlinearity", 21) == "+ sensor_nonlinearity"
 
 
 def test_the_ladder_is_drawn_down_to_the_noise(creeping: Diagnosis) -> None:
