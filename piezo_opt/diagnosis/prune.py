@@ -97,11 +97,12 @@ def _without(fit: Fit, held: HeldOut, threads: int, name: str) -> Fit | None:
     if any(fit.model[k.split(".")[0]].structural for k in freed):
         # What the fit has been given, the fits without a name have as well.
         trials = [trials[0], *(with_base_details(trial) for trial in trials[1:])]
-    poorer = [rung.fit for rung in race(fit, trials, threads)]
+    near = _NEARLY * fit.rms
+    poorer = [rung.fit for rung in race(fit, trials, threads, hope=near)]
     if not poorer:
         return None
     least = min(poorer, key=_rms)
-    if _NEARLY * fit.rms < least.rms:
+    if near < least.rms:
         return least
     least = _to_its_end(least)
     # Detail that costs more than the name it replaces imitates it (the start of a long chain of

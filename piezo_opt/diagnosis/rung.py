@@ -46,6 +46,8 @@ followed."""
 _REACH = 1.2
 """Error over that of what stands beyond which one that is followed is given up once it has slowed
 down: not even in a group with it."""
+_SLOWED = 0.8
+"""Error over that of the iteration before from which a search has slowed down."""
 _BEHIND = 1.1
 """Error over that of the fit below up to which more detail stays in the race."""
 
@@ -167,6 +169,7 @@ def race(
     rivals: Sequence[Rung] = (),
     begun: Sequence[Rung] = (),
     standing: Fit | None = None,
+    hope: float = float("inf"),
 ) -> list[Rung]:
     """Refit all trials; only those that are still near the best are followed to their end.
 
@@ -181,14 +184,16 @@ def race(
         begun: refits, of this fit or another one, that have been in a race before and are in this
             one from there; returned.
         standing: what stands where they would, and they are to reach, where there is such a fit.
+        hope: rms [m] beyond which a refit is of no use: once it has slowed down it is given up.
     """
     there = float("inf") if standing is None else standing.rms
 
     def one(trial: Trial) -> Rung | None:
         try:
-            richer = solved(trial.question, trial.start, _FIRST, _OUTSIDE * there, mend=False)
+            beyond = min(_OUTSIDE * there, hope)
+            richer = solved(trial.question, trial.start, _FIRST, beyond, mend=False)
             if not np.isfinite(richer.rms):
-                richer = solved(trial.question, trial.start, _FIRST, _OUTSIDE * there)
+                richer = solved(trial.question, trial.start, _FIRST, beyond)
         except NO_FIT:
             return None
         return Rung(trial, richer, bic_gain(fit, richer))
@@ -197,7 +202,8 @@ def race(
         if rung.fit.outcome.success and not too_coarse(rung.fit):
             return rung
         try:
-            richer = solved(rung.fit.question, rung.fit.values, _LATER, _REACH * there)
+            beyond = min(_REACH * there, hope)
+            richer = solved(rung.fit.question, rung.fit.values, _LATER, beyond)
         except NO_FIT:
             return rung
         return replace(rung, fit=richer, delta_bic=bic_gain(fit, richer))
@@ -215,8 +221,11 @@ def race(
         # has lost what it began with.
         detail = _BEHIND * fit.rms if most is None else 0.0
         worth = [
-            r.fit.rms <= min(max(near, last), hopeless)
-            or (r.suspect is None and r.fit.rms <= detail)
+            (
+                r.fit.rms <= min(max(near, last), hopeless)
+                or (r.suspect is None and r.fit.rms <= detail)
+            )
+            and not (r.fit.rms > hope and _slowed(r.fit))
             for r in rungs
         ]
         behind = [r for r, w in zip(rungs, worth, strict=True) if not w]
@@ -224,6 +233,12 @@ def race(
         # The slowest first: begun last, one of them would keep all others waiting.
         running.sort(key=lambda r: -r.fit.wall_s)
         return [*behind, *pool.map(further, running)]
+
+
+def _slowed(fit: Fit) -> bool:
+    """Whether the last iteration of a fit has lowered its error by little."""
+    error = fit.trace.rms
+    return error.size < 2 or bool(error[-1] > _SLOWED * error[-2])
 
 
 def judged(before: Fit, rungs: Sequence[Rung]) -> list[Rung]:

@@ -13,7 +13,7 @@ from typing import final
 
 import casadi as ca
 
-from piezo_opt.simulation.instructions import fused, instructions, known_at
+from piezo_opt.simulation.instructions import Instruction, fused, instructions, known_at
 from piezo_opt.simulation.quick import Quick
 from piezo_opt.simulation.tangents import Carried, Lanes, Tangents
 
@@ -78,6 +78,8 @@ class Block:
     """C lines of one function: one list of lines a loop level, outermost first."""
 
     levels: tuple[tuple[str, ...], ...]
+    innermost: tuple[tuple[str, ...], ...]
+    """For each output of the function those lines of the innermost level that it needs."""
     outputs: tuple[tuple[str, ...], ...]
     """For each output of the function the C expression of each of its elements."""
     tangents: tuple[tuple[tuple[str | None, ...], ...], ...]
@@ -110,7 +112,7 @@ def emit(
     program = fused(instructions(function))
     level = known_at(program, levels)
     quick = Quick(program, level, prefix)
-    lines: list[list[str]] = [[] for _ in range(depth)]
+    lines: list[list[tuple[int, str]]] = [[] for _ in range(depth)]
     text: dict[int, str] = {}
     waits: dict[int, int] = {}
     outputs = [["0.0"] * function.numel_out(i) for i in range(function.n_out())]
@@ -137,20 +139,35 @@ def emit(
             text[k] = f"{prefix}{k}"
             said = quick.said(k, text) or pattern.format(*(text[i] for i in one.inputs))
             for at, line in quick.hoisted(k):
-                lines[at].append(line)
-            lines[level[k]].append(f"const double {text[k]} = {said};")
+                lines[at].append((k, line))
+            lines[level[k]].append((k, f"const double {text[k]} = {said};"))
             if level[k] == depth - 1:
                 waits[k] = 1 + max(waits[i] for i in one.inputs)
             operands = [Carried(text[i], level[i]) for i in one.inputs]
             result = Carried(text[k], level[k])
             for at, line in along.of_operation(k, one.op, one.inputs, operands, result):
-                lines[at].append(line)
+                lines[at].append((k, line))
+    needed = [_needed(program, i) for i in range(function.n_out())]
     return Block(
-        tuple(tuple(ls) for ls in lines),
+        tuple(tuple(line for _, line in ls) for ls in lines),
+        tuple(tuple(line for k, line in lines[-1] if k in those) for those in needed),
         tuple(tuple(o) for o in outputs),
         tuple(tuple(m) for m in moved),
         max(waits.values(), default=0),
     )
+
+
+def _needed(program: Mapping[int, Instruction], output: int) -> set[int]:
+    """Numbers of the instructions that an output of the function follows from."""
+    found: set[int] = set()
+    ends = (k for k, one in program.items() if one.op == ca.OP_OUTPUT and one.place[0] == output)
+    to_see = list(ends)
+    while to_see:
+        k = to_see.pop()
+        if k not in found:
+            found.add(k)
+            to_see += program[k].inputs
+    return found
 
 
 def _number(value: float) -> str:

@@ -162,27 +162,32 @@ def _split(
 
 
 def _blocks(pattern: NDArray[np.bool_]) -> tuple[tuple[int, ...], ...]:
-    """Pairs of states that swing, and single states that drive themselves."""
+    """Pairs of states that swing or fade one after the other, and those that fade by themselves."""
+    n = pattern.shape[0]
+    # A position is moved by its velocity alone, whatever else that one moves and is moved by.
+    both = [
+        (i, j) for i in range(n) for j in range(i + 1, n)
+        if pattern[i, j] and pattern[j, i] and not (pattern[i, i] and pattern[j, j])
+    ]  # fmt: skip
+    both.sort(key=lambda pair: min(int(pattern[i].sum()) for i in pair))
+    # Of two poles in a row the second one follows but the first: nothing is sampled between them.
+    fading = [i for i in range(n) if _fades(pattern, i)]
+    rows = [
+        (i, j) for i in fading for j in fading
+        if i != j and pattern[j, i] and pattern[j].sum() == 2
+    ]  # fmt: skip
     blocks: list[tuple[int, ...]] = []
     taken: set[int] = set()
-    for i in range(pattern.shape[0]):
-        if i in taken:
-            continue
-        # One of a pair is moved by the other alone, as a position is by its velocity.
-        partner = next(
-            (
-                j for j in range(i + 1, pattern.shape[0])
-                if j not in taken and pattern[i, j] and pattern[j, i]
-                and not (pattern[i, i] and pattern[j, j])
-            ),
-            None,
-        )  # fmt: skip
-        if partner is not None:
-            blocks.append((i, partner))
-            taken |= {i, partner}
-        elif pattern[i, i] and not (pattern[i] & pattern[:, i]).sum() > 1:
-            blocks.append((i,))
-    return tuple(blocks)
+    for block in (*both, *rows, *((i,) for i in fading)):
+        if not taken & {*block}:
+            blocks.append(block)
+            taken |= {*block}
+    return tuple(sorted(blocks))
+
+
+def _fades(pattern: NDArray[np.bool_], i: int) -> bool:
+    """Whether a state drives itself, and no other one that drives it."""
+    return bool(pattern[i, i] and (pattern[i] & pattern[:, i]).sum() == 1)
 
 
 def weights(matrix: ca.SX, h: ca.SX) -> Weights:

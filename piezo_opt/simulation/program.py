@@ -3,7 +3,7 @@
 Two exported functions: ``po_start`` gives states and sensitivities at rest, ``po_run`` walks over
 the segments of a schedule. Everything that depends on parameters alone is computed once, what
 depends on the length of a sub-step as well whenever that changes, and what depends on the segment
-once a segment.
+once a segment. Where drive and channels stand still, only what moves by itself is moved.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ from piezo_opt.simulation.tangents import TYPES, Carried, Lanes, Tangents
 RUN: Final = "po_run"
 START: Final = "po_start"
 
+_SHORTER: Final = 0.85
+"""Statements of a sub-step while the drive stands still, over those of any, up to which it is worth
+its place in the program."""
 _LEVELS: Final = {
     "p": 0, "h": 1, "hT": 1, "du": 2, "dc": 2, "t": 3, "x": 3, "S": 3, "u": 3, "c": 3, "uT": 3,
     "tT": 3, "cT": 3,
@@ -63,6 +66,8 @@ def source(plan: Outline) -> str:
     lanes = Lanes.of([tuple(column) for column in plan.pattern.T.tolist()])
     seeds, moved = _seeds(plan, lanes, names)
     step = emit(plan.step, names, levels, "a", 4, Tangents(lanes, seeds, "va"))
+    moving, still = step.innermost
+    shorter = len(still) <= _SHORTER * len(moving)
     reading = emit(plan.reading, names, levels, "b", 4, Tangents(lanes, seeds, "vb"))
     np_, nx = plan.step.numel_in(0), plan.step.numel_in(6)
     nc, nd = plan.step.numel_in(9), len(plan.directions)
@@ -143,6 +148,7 @@ def source(plan: Outline) -> str:
     line(3, "const int m = NSUB[j];")
     line(3, "const double du_0 = DU[j];")
     line(3, "double t_0 = T[j], u_0 = U[j];")
+    slopes = ["du_0", *(f"dc_{i}" for i in range(nc))]
     for i in range(nc):
         line(3, f"const double dc_{i} = DC[j * {nc} + {i}];")
         line(3, f"double c_{i} = C[j * {nc} + {i}];")
@@ -152,26 +158,41 @@ def source(plan: Outline) -> str:
             line(3, f"double cT_{i} = CT[j * {nc} + {i}];")
     block(3, step, 2)
     block(3, reading, 2)
-    line(3, "for (int i = 0; i < m; ++i) {")
-    block(4, step, 3)
-    for i, text in enumerate(step.outputs[0]):
-        line(4, f"const double xn_{i} = {text};")
-    for i, group in moved:
-        still = lanes.literal(group, ["0.0"])
-        line(4, f"const {lanes.kind(group)} Sn_{i}_{group} = "
-                f"{step.tangents[0][i][group] or still};")  # fmt: skip
-    for i in range(nx):
-        line(4, f"x_{i} = xn_{i};")
-    for i, group in moved:
-        line(4, f"S_{i}_{group} = Sn_{i}_{group};")
-    line(4, "t_0 += h_0; u_0 += du_0 * h_0;")
-    for i in range(nc):
-        line(4, f"c_{i} += dc_{i} * h_0;")
-    if delayed:
-        line(4, "tT_0 += hT_0; uT_0 += du_0 * hT_0;")
+
+    def sub_steps(output: int) -> None:
+        line(4, "for (int i = 0; i < m; ++i) {")
+        for text in step.innermost[output]:
+            line(5, text)
+        for i, text in enumerate(step.outputs[output]):
+            line(5, f"const double xn_{i} = {text};")
+        for i, group in moved:
+            zero = lanes.literal(group, ["0.0"])
+            line(5, f"const {lanes.kind(group)} Sn_{i}_{group} = "
+                    f"{step.tangents[output][i][group] or zero};")  # fmt: skip
+        for i in range(nx):
+            line(5, f"x_{i} = xn_{i};")
+        for i, group in moved:
+            line(5, f"S_{i}_{group} = Sn_{i}_{group};")
+        line(5, "t_0 += h_0; u_0 += du_0 * h_0;")
         for i in range(nc):
-            line(4, f"cT_{i} += dc_{i} * hT_0;")
-    line(3, "}")
+            line(5, f"c_{i} += dc_{i} * h_0;")
+        if delayed:
+            line(5, "tT_0 += hT_0; uT_0 += du_0 * hT_0;")
+            for i in range(nc):
+                line(5, f"cT_{i} += dc_{i} * hT_0;")
+        line(4, "}")
+
+    if shorter:
+        unmoved = " && ".join(f"{slope} == 0.0" for slope in slopes)
+        line(3, f"if ({unmoved}) {{")
+        sub_steps(1)
+        line(3, "} else {")
+        sub_steps(0)
+        line(3, "}")
+    else:
+        line(3, "{")
+        sub_steps(0)
+        line(3, "}")
     line(3, "const long k = OBS[j];")
     line(3, "if (k >= 0) {")
     block(4, reading, 3)

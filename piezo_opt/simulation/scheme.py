@@ -71,7 +71,8 @@ class Outline:
 
     Attributes:
         start: ``(p, t, u, c, deviation) -> (x, S)`` as in :class:`Scheme`.
-        step: ``inputs -> (x, nothing)`` after the sub-step.
+        step: ``inputs -> (x, x)`` after the sub-step, and the same where drive and channels stand
+            still, which takes less than any sub-step.
         reading: ``inputs -> (y, nothing)``.
         directions: names of the sensitivity columns.
         pattern: (n, k) which sensitivities of the states can ever be non-zero.
@@ -102,7 +103,10 @@ def outline(system: System, directions: Sequence[str] = (), exact: bool = False)
     pattern = _pattern(system, directions)
     start = _start(system, directions, *np.nonzero(pattern)) if directions else plain.start
     clocks = tuple(_delay_directions(system, directions))
-    return Outline(system, start, plain.step, plain.reading, directions, pattern, clocks, exact)
+    return Outline(
+        system, start, _both(system, exact, plain.step.sx_in()), plain.reading, directions, pattern,
+        clocks, exact,
+    )  # fmt: skip
 
 
 @one_at_a_time
@@ -131,10 +135,7 @@ def scheme(system: System, directions: Sequence[str] = (), exact: bool = False) 
     inputs = [p, h, du, dc, ht, t, x, s, u, c, ut, tt, ct]
     start = _start(system, directions, rows, columns)
 
-    after = _after(linear_part(system, exact), p, h, t, x, (u, du), (c, dc))
-    if system.becomes is not None:
-        after = system.becomes(t + h, after, u + du * h, c + dc * h, p)
-    after = ca.densify(after)
+    after = _sub_step(system, exact, p, h, t, x, (u, du), (c, dc))
     y = system.reading(t, x, u, du, c, dc, p)
     if nd == 0:
         after = ca.cse(after)
@@ -168,6 +169,36 @@ def scheme(system: System, directions: Sequence[str] = (), exact: bool = False) 
         ca.Function("po_read", inputs, [y, slope], list(INPUTS), ["y", "J"]),
         directions, rows, columns,
     )  # fmt: skip
+
+
+def _both(system: System, exact: bool, given: Sequence[ca.SX]) -> ca.Function:
+    """The sub-step of a scheme of these inputs, and what is left of it without any slope.
+
+    A loop's state moves with the drive alone.
+    """
+    p, h, du, dc, _, t, x, _, u, c, *_ = given
+    none = [ca.SX.zeros(slope.shape) for slope in (du, dc)]
+    after = _sub_step(system, exact, p, h, t, x, (u, du), (c, dc))
+    still = _sub_step(system, exact, p, h, t, x, (u, none[0]), (c, none[1]))
+    return ca.Function("po_both", given, ca.cse([after, still]), list(INPUTS), ["xn", "xs"])
+
+
+def _sub_step(
+    system: System,
+    exact: bool,
+    p: ca.SX,
+    h: ca.SX,
+    t: ca.SX,
+    x: ca.SX,
+    drive: tuple[ca.SX, ca.SX],
+    channels: tuple[ca.SX, ca.SX],
+) -> ca.SX:
+    """The states after a sub-step, and what becomes of them there."""
+    (u, du), (c, dc) = drive, channels
+    after = _after(linear_part(system, exact), p, h, t, x, drive, channels)
+    if system.becomes is not None:
+        after = system.becomes(t + h, after, u + du * h, c + dc * h, p)
+    return ca.densify(after)
 
 
 def _after(
@@ -204,11 +235,22 @@ def _after(
     n3 = rest(half, b)
     e = moved(lambda k, by: by.half @ a[k] + by.half_input @ (2.0 * n3[k] - n1[k]), x + h * n3)
     n4 = rest(h, e)
-    return moved(
-        lambda k, by: (
-            by.whole @ x[k] + by.first @ n1[k] + by.middle @ (n2[k] + n3[k]) + by.last @ n4[k]
-        ),
-        x + (h * (1.0 / 6.0)) * (n1 + 2.0 * (n2 + n3) + n4),
+
+    def whole(k: list[int], by: Weights) -> ca.SX:
+        if _one([n1[k], n2[k], n3[k], n4[k]]):
+            return by.whole @ x[k] + (by.first + 2.0 * by.middle + by.last) @ n1[k]
+        return by.whole @ x[k] + by.first @ n1[k] + by.middle @ (n2[k] + n3[k]) + by.last @ n4[k]
+
+    return moved(whole, x + (h * (1.0 / 6.0)) * (n1 + 2.0 * (n2 + n3) + n4))
+
+
+def _one(stages: Sequence[ca.SX]) -> bool:
+    """Whether the inputs of all stages are the same: nothing that they follow moves."""
+    shared = ca.cse(list(stages))
+    return all(
+        ca.is_equal(first, other)
+        for stage in shared[1:]
+        for first, other in zip(ca.vertsplit(shared[0]), ca.vertsplit(stage), strict=True)
     )
 
 

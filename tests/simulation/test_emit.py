@@ -102,6 +102,17 @@ def test_what_does_not_change_leaves_the_loop() -> None:
     assert block.chain == 2
 
 
+def test_each_output_is_told_what_it_needs_of_the_innermost_loop() -> None:
+    p, x = ca.SX.sym("p"), ca.SX.sym("x")
+    shared = ca.sin(x)
+    function = ca.Function("f", [p, x], [shared * ca.exp(p), shared + ca.cos(x)])
+    block = emit(function, ["p", "x"], [0, 1], "a", 2)
+    first, second = ("\n".join(lines) for lines in block.innermost)
+    assert {*block.levels[1]} == {*block.innermost[0], *block.innermost[1]}
+    assert ("sin(" in first, "cos(" in first) == (True, False)
+    assert ("sin(" in second, "cos(" in second) == (True, True)
+
+
 def test_a_balance_is_written_as_fused_operations_without_changing_it() -> None:
     a, b, c, d, e = (ca.SX.sym(n) for n in "abcde")
     function = ca.Function("f", [a, b, c, d, e], [a - (b * c + d * e)])

@@ -17,6 +17,7 @@ from piezo_opt.effects import (
     AmplifierLag,
     BoucWen,
     Chain,
+    ChargeBackCoupling,
     Creep,
     CubicStiffness,
     DeadZone,
@@ -111,6 +112,22 @@ def blocks(model: Model) -> set[tuple[str, ...]]:
 MECHANICS = ("second_order.x", "second_order.w")
 
 
+@final
+@dataclass(frozen=True)
+class Written(Effect):
+    """A lag as somebody may write it, beside what is not linear in it."""
+
+    place = Place.OUTPUT
+    z = State("m", "lagged")
+    tau = Parameter("s", "its time", nominal=2e-4, bounds=(1e-6, 1.0), typical=(1e-4, 1e-2))
+    share = Parameter("1", "gate", nominal=1.0, bounds=(0.0, 1.0), typical=(0.1, 1.0), null=0.0)
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        seen = chain.incoming.value
+        rate = (-(x.z + x.z) + 3.0 * seen) / p.tau + (x.z - 0.2 * x.z * seen) * p.tau
+        return Equations(gives=seen + p.share * (x.z - seen), moves={"z": rate}, starts={"z": seen})
+
+
 @pytest.mark.parametrize(
     ("model", "wanted"),
     [
@@ -118,6 +135,14 @@ MECHANICS = ("second_order.x", "second_order.w")
         (MOVING, {MECHANICS}),
         (MOVING + SecondMode(), {MECHANICS, ("second_mode.q", "second_mode.r")}),
         (MOVING + SensorLag(), {MECHANICS, ("sensor_lag.z",)}),
+        # Of two poles the second one follows but the first.
+        (MOVING + SensorLag(poles=2), {MECHANICS, ("sensor_lag.z[0]", "sensor_lag.z[1]")}),
+        (AmplifierLag(poles=2) + LOOP, {("amplifier_lag.z[0]", "amplifier_lag.z[1]")}),
+        # What the velocity induces in the amplifier reaches the loop, which pulls at the mass.
+        (ChargeBackCoupling() + MOVING, {MECHANICS}),
+        # Nor does what follows something else beside it.
+        (LOOP + SensorLag() + Written(), {("sensor_lag.z",), ("written.z",)}),
+        (PiezoGain() + SensorLag() + Written(), {("sensor_lag.z", "written.z")}),
         # Neither the contact's memory nor the limited drive is linear in itself.
         (MOVING + Friction(), {MECHANICS}),
         (MOVING + SlewLimit(), {MECHANICS}),
@@ -155,22 +180,6 @@ def test_the_parts_add_up_to_the_rates(model: Model) -> None:
         inside[np.ix_(block, block)] = True
     assert (matrix[inside] != 0.0).any()
     assert (matrix[~inside] == 0.0).all()
-
-
-@final
-@dataclass(frozen=True)
-class Written(Effect):
-    """A lag as somebody may write it, beside what is not linear in it."""
-
-    place = Place.OUTPUT
-    z = State("m", "lagged")
-    tau = Parameter("s", "its time", nominal=2e-4, bounds=(1e-6, 1.0), typical=(1e-4, 1e-2))
-    share = Parameter("1", "gate", nominal=1.0, bounds=(0.0, 1.0), typical=(0.1, 1.0), null=0.0)
-
-    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
-        seen = chain.incoming.value
-        rate = (-(x.z + x.z) + 3.0 * seen) / p.tau + (x.z - 0.2 * x.z * seen) * p.tau
-        return Equations(gives=seen + p.share * (x.z - seen), moves={"z": rate}, starts={"z": seen})
 
 
 def test_every_way_to_write_a_sum_is_taken_apart() -> None:
@@ -237,6 +246,19 @@ def test_mechanics_alone_are_exact_however_long_the_sub_step() -> None:
     plain = Simulator(model, record(), values, substeps=Substeps(STEP, 1e9))
     with np.errstate(over="ignore", invalid="ignore"):
         assert not np.abs(plain.reading(values) - b).max() < np.ptp(b)
+
+
+@pytest.mark.parametrize("ratio", [0.003, 0.03, 1.0])
+def test_a_lag_of_two_poles_is_exact_however_close_or_far_they_are(ratio: float) -> None:
+    model = PiezoGain() + Offset() + SensorLag(poles=2)
+    own = {"sensor_lag.share": 1.0, "sensor_lag.tau": 0.3 * STEP, "sensor_lag.ratio": ratio}
+    values = values_of(model, own)
+    once, often = (
+        Simulator(model, record(), values, substeps=Substeps(STEP / count, 1e9, exact=True))
+        for count in (1 if ratio > 0.1 else 64, 640)
+    )
+    a, b = once.reading(values), often.reading(values)
+    assert np.abs(a - b).max() < 1e-10 * np.ptp(b)
 
 
 def test_a_second_mode_takes_a_tenth_of_the_sub_steps() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from piezo_opt.assembly import assemble
 from piezo_opt.effects import (
     AmplifierLag,
     BoucWen,
@@ -21,6 +22,7 @@ from piezo_opt.effects import (
     Effect,
     Equations,
     Friction,
+    MainsPickup,
     Model,
     Offset,
     Parameter,
@@ -30,12 +32,15 @@ from piezo_opt.effects import (
     Saturation,
     SecondMode,
     SecondOrder,
+    SensorLag,
+    Temperature,
 )
 from piezo_opt.errors import ModelError
 from piezo_opt.measurement import Between, Measurement
 from piezo_opt.simulation import Initial, Simulator, Substeps, simulate
 from piezo_opt.simulation.compiler import find_compiler
 from piezo_opt.simulation.engine import Ceiling, engine
+from piezo_opt.simulation.scheme import INPUTS, outline
 from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
@@ -94,6 +99,50 @@ def test_both_engines_give_the_same_numbers(name: str, initial: Initial, exact: 
     sizes = np.abs(two.states).max(axis=0, initial=0.0)
     assert (np.abs(one.states - two.states) <= 1e-11 * sizes).all()
     assert one.state_names == two.state_names
+
+
+RESTING = np.repeat([0.0, 31.0, 31.0, -4.0, 12.0, 12.0, 12.0, 40.0], 15)
+"""A drive that stands still but for steps."""
+WARMING = np.linspace(0.0, 3.0, 120) * (np.arange(120) > 40)
+
+
+@needs_compiler
+@pytest.mark.parametrize("between", [Between.HELD, Between.LINEAR])
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize("name", [*MODELS, "beside the drive"])
+def test_what_is_left_out_while_the_drive_stands_still_changes_nothing(
+    name: str, exact: bool, between: Between
+) -> None:
+    """Nor does a drive that stands still beside a channel that does not."""
+    beside = {"temperature": WARMING}
+    record = Measurement(TIME, RESTING, 1e-7 * RESTING, between=between, channels=beside)
+    model = {**MODELS, "beside the drive": BASE + Temperature() + MainsPickup() + SensorLag()}[name]
+    values = opened(model)
+    directions = tuple(n for n, p in model.parameters.items() if not p.fixed)
+    one, other = (
+        Simulator(
+            model, record, values, directions=directions, prefer_compiled=compiled,
+            substeps=Substeps(4e-5, 9.0, exact=exact),
+        ).with_sensitivities(values)
+        for compiled in (True, False)
+    )  # fmt: skip
+    np.testing.assert_allclose(one[0], other[0], rtol=0, atol=1e-12 * np.ptp(other[0]))
+    sizes = np.abs(other[1]).max(axis=0)
+    assert (np.abs(one[1] - other[1]).max(axis=0) <= 3e-11 * sizes).all()
+
+
+def test_a_loop_is_not_moved_while_the_drive_stands_still() -> None:
+    system = assemble(BASE, {})
+    both = outline(system, (), exact=True).step
+    given = dict(zip(INPUTS, both.sx_in(), strict=True))
+    moving, still = both(*given.values())
+    loop = system.state_names.index("bouc_wen.h")
+    assert ca.is_equal(still[loop], given["x"][loop])
+    assert ca.depends_on(moving, given["du"])
+    assert not ca.depends_on(still, given["du"])
+    # The mechanics take what moves them once, not at four stages.
+    of_loop = ca.n_nodes(moving[loop])
+    assert ca.n_nodes(still) < ca.n_nodes(moving) - of_loop
 
 
 def test_the_virtual_machine_goes_over_the_ends_of_its_chunks() -> None:
