@@ -220,25 +220,29 @@ def race(
         # More detail of what the model has comes before another name: it is followed unless it
         # has lost what it began with.
         detail = _BEHIND * fit.rms if most is None else 0.0
-        worth = [
-            (
-                r.fit.rms <= min(max(near, last), hopeless)
-                or (r.suspect is None and r.fit.rms <= detail)
-            )
-            and not (r.fit.rms > hope and _slowed(r.fit))
-            for r in rungs
-        ]
-        behind = [r for r, w in zip(rungs, worth, strict=True) if not w]
-        running = [r for r, w in zip(rungs, worth, strict=True) if w]
+
+        def worth(rung: Rung) -> bool:
+            error, falling = rung.fit.rms, most is None and _falling(rung.fit)
+            if error > hope and not falling:
+                return False
+            if rung.suspect is None and error <= detail:
+                return True
+            # Where a search ends that falls fast cannot be told from where it was stopped.
+            return error <= hopeless and (falling or error <= max(near, last))
+
+        worthy = [worth(rung) for rung in rungs]
+        behind = [r for r, w in zip(rungs, worthy, strict=True) if not w]
+        running = [r for r, w in zip(rungs, worthy, strict=True) if w]
         # The slowest first: begun last, one of them would keep all others waiting.
         running.sort(key=lambda r: -r.fit.wall_s)
         return [*behind, *pool.map(further, running)]
 
 
-def _slowed(fit: Fit) -> bool:
-    """Whether the last iteration of a fit has lowered its error by little."""
+def _falling(fit: Fit) -> bool:
+    """Whether a fit was stopped while every iteration lowered its error by much."""
     error = fit.trace.rms
-    return error.size < 2 or bool(error[-1] > _SLOWED * error[-2])
+    stopped = not fit.outcome.success and error.size > 1
+    return stopped and bool(error[-1] < _SLOWED * error[-2])
 
 
 def judged(before: Fit, rungs: Sequence[Rung]) -> list[Rung]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from piezo_opt.diagnosis import contest, rung
@@ -17,10 +18,13 @@ from piezo_opt.identification import Ending
 BELOW: Any = SimpleNamespace(rms=2.0)
 
 
-def ending(error: float, *, converged: bool = False) -> Any:
-    """A fit as the race reads it; its question is itself, to be told apart."""
-    outcome = SimpleNamespace(success=converged)
-    found = SimpleNamespace(rms=error, outcome=outcome, values={}, wall_s=0.0)
+def ending(error: float, *, converged: bool = False, before: float = 1.0) -> Any:
+    """A fit as the race reads it; its question is itself, to be told apart.
+
+    Its last iteration began at ``before`` times its error.
+    """
+    outcome, trace = SimpleNamespace(success=converged), SimpleNamespace(rms=np.array([before, 1]))
+    found = SimpleNamespace(rms=error, outcome=outcome, values={}, wall_s=0.0, trace=trace)
     found.question = found
     return found
 
@@ -54,6 +58,38 @@ def test_only_those_near_the_best_are_followed_and_always_three(followed: list[f
     followed.clear()
     race(BELOW, [entering(e) for e in (9.0, 1.0, 5.0, 7.0)], 1)
     assert followed == [1.0, 5.0, 7.0]
+
+
+def test_who_still_falls_fast_is_followed_however_far_behind(followed: list[float]) -> None:
+    """Where it was stopped says nothing of where it ends."""
+    falling, slow = Trial(ending(5.0, before=1.3), {}, None), entering(4.0)
+    leading = [entering(e) for e in (1.0, 1.1, 1.2)]
+    race(BELOW, [*leading, slow, falling], 1)
+    assert followed == [1.0, 1.1, 1.2, 5.0]
+    followed.clear()
+    race(BELOW, [*leading, falling], 1, most=2)
+    assert 5.0 not in followed
+    followed.clear()
+    race(BELOW, [falling], 1, rivals=[Rung(slow, ending(1.2), 0.0)])
+    assert not followed  # more than four times as much as somebody leaves
+
+
+def test_who_is_of_no_use_beyond_an_error_is_given_up_there(
+    followed: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[float] = []
+    counted = rung.solved
+
+    def solved(question: Any, start: Any, iterations: int, beyond: float, **more: Any) -> Any:
+        given.append(beyond)
+        return counted(question, start, iterations, beyond, **more)
+
+    monkeypatch.setattr(rung, "solved", solved)
+    falling = Trial(ending(5.0, before=1.3), {}, None)
+    rungs = race(BELOW, [entering(e) for e in (3.5, 4.5)] + [falling], 1, hope=4.0)
+    assert followed == [3.5, 5.0]
+    assert given == [4.0] * 5
+    assert len(rungs) == 3
 
 
 def test_nobody_is_followed_far_behind_a_rival_of_an_earlier_race(followed: list[float]) -> None:
