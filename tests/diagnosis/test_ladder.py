@@ -310,8 +310,10 @@ def test_dropping_is_tried_from_fresh_starts_too(monkeypatch: pytest.MonkeyPatch
     fit = crowded(CREEP)
     seen: list[Trial] = []
 
-    def nobody_arrives(_: po.Fit, trials: list[Trial], __: int) -> list[Rung]:
+    def nobody_arrives(_: po.Fit, trials: list[Trial], __: int, *, hope: float) -> list[Rung]:
         seen.extend(trials)
+        # Beyond this nothing makes up for the effect.
+        assert hope == 4.0 * fit.rms
         return []
 
     monkeypatch.setattr(pruning, "race", nobody_arrives)
