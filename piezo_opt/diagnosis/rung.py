@@ -42,7 +42,7 @@ _OUTSIDE = 2.0
 decided which are worth following."""
 _HOPELESS = 4.0
 """Error over that of a rival from an earlier race, or of what stands, beyond which nobody is
-followed."""
+followed; and over that of the best in the race beyond which nobody is for falling fast."""
 _REACH = 1.2
 """Error over that of what stands beyond which one that is followed is given up once it has slowed
 down: not even in a group with it."""
@@ -228,7 +228,8 @@ def race(
             if rung.suspect is None and error <= detail:
                 return True
             # Where a search ends that falls fast cannot be told from where it was stopped.
-            return error <= hopeless and (falling or error <= max(near, last))
+            reach = _HOPELESS * ranked[0] if falling else 0.0
+            return error <= min(max(near, last, reach), hopeless)
 
         worthy = [worth(rung) for rung in rungs]
         behind = [r for r, w in zip(rungs, worthy, strict=True) if not w]

@@ -62,16 +62,18 @@ def test_only_those_near_the_best_are_followed_and_always_three(followed: list[f
 
 def test_who_still_falls_fast_is_followed_however_far_behind(followed: list[float]) -> None:
     """Where it was stopped says nothing of where it ends."""
-    falling, slow = Trial(ending(5.0, before=1.3), {}, None), entering(4.0)
+    falling, slow = Trial(ending(3.9, before=1.3), {}, None), entering(3.5)
     leading = [entering(e) for e in (1.0, 1.1, 1.2)]
     race(BELOW, [*leading, slow, falling], 1)
-    assert followed == [1.0, 1.1, 1.2, 5.0]
+    assert followed == [1.0, 1.1, 1.2, 3.9]
     followed.clear()
     race(BELOW, [*leading, falling], 1, most=2)
-    assert 5.0 not in followed
+    assert 3.9 not in followed
+    # Not with more than four times as much as somebody leaves.
     followed.clear()
-    race(BELOW, [falling], 1, rivals=[Rung(slow, ending(1.2), 0.0)])
-    assert not followed  # more than four times as much as somebody leaves
+    race(BELOW, [*leading, Trial(ending(4.1, before=1.3), {}, None)], 1)
+    race(BELOW, [falling], 1, rivals=[Rung(slow, ending(0.9), 0.0)])
+    assert followed == [1.0, 1.1, 1.2]
 
 
 def test_who_is_of_no_use_beyond_an_error_is_given_up_there(
