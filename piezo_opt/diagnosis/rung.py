@@ -39,10 +39,10 @@ _PODIUM = 3
 """...unless it is among the best so many."""
 _OUTSIDE = 2.0
 """Error over that of what stands beyond which a refit that has slowed down is given up before it is
-decided which are worth following."""
+decided which are worth following, and over the best rival's up to which one is that has not."""
 _HOPELESS = 4.0
 """Error over that of a rival from an earlier race, or of what stands, beyond which nobody is
-followed; and over that of the best in the race beyond which nobody is for falling fast."""
+followed."""
 _REACH = 1.2
 """Error over that of what stands beyond which one that is followed is given up once it has slowed
 down: not even in a group with it."""
@@ -228,7 +228,7 @@ def race(
             if rung.suspect is None and error <= detail:
                 return True
             # Where a search ends that falls fast cannot be told from where it was stopped.
-            reach = _HOPELESS * ranked[0] if falling else 0.0
+            reach = _OUTSIDE * ranked[0] if falling else 0.0
             return error <= min(max(near, last, reach), hopeless)
 
         worthy = [worth(rung) for rung in rungs]

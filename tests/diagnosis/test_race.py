@@ -29,9 +29,11 @@ def ending(error: float, *, converged: bool = False, before: float = 1.0) -> Any
     return found
 
 
-def entering(error: float, suspect: Any = True, *, converged: bool = False) -> Trial:
+def entering(
+    error: float, suspect: Any = True, *, converged: bool = False, before: float = 1.0
+) -> Trial:
     """A trial whose first iterations end at this error."""
-    return Trial(ending(error, converged=converged), {}, suspect)
+    return Trial(ending(error, converged=converged, before=before), {}, suspect)
 
 
 @pytest.fixture
@@ -62,17 +64,17 @@ def test_only_those_near_the_best_are_followed_and_always_three(followed: list[f
 
 def test_who_still_falls_fast_is_followed_however_far_behind(followed: list[float]) -> None:
     """Where it was stopped says nothing of where it ends."""
-    falling, slow = Trial(ending(3.9, before=1.3), {}, None), entering(3.5)
+    falling, slow = entering(1.9, before=1.3), entering(1.8)
     leading = [entering(e) for e in (1.0, 1.1, 1.2)]
     race(BELOW, [*leading, slow, falling], 1)
-    assert followed == [1.0, 1.1, 1.2, 3.9]
+    assert followed == [1.0, 1.1, 1.2, 1.9]
     followed.clear()
     race(BELOW, [*leading, falling], 1, most=2)
-    assert 3.9 not in followed
-    # Not with more than four times as much as somebody leaves.
+    assert 1.9 not in followed
+    # Not with more than twice what the best leaves, nor four times what a rival of before does.
     followed.clear()
-    race(BELOW, [*leading, Trial(ending(4.1, before=1.3), {}, None)], 1)
-    race(BELOW, [falling], 1, rivals=[Rung(slow, ending(0.9), 0.0)])
+    race(BELOW, [*leading, entering(2.1, before=1.3)], 1)
+    race(BELOW, [falling], 1, rivals=[Rung(slow, ending(0.45), 0.0)])
     assert followed == [1.0, 1.1, 1.2]
 
 
@@ -87,7 +89,7 @@ def test_who_is_of_no_use_beyond_an_error_is_given_up_there(
         return counted(question, start, iterations, beyond, **more)
 
     monkeypatch.setattr(rung, "solved", solved)
-    falling = Trial(ending(5.0, before=1.3), {}, None)
+    falling = entering(5.0, before=1.3)
     rungs = race(BELOW, [entering(e) for e in (3.5, 4.5)] + [falling], 1, hope=4.0)
     assert followed == [3.5, 5.0]
     assert given == [4.0] * 5
