@@ -39,7 +39,7 @@ _PODIUM = 3
 """...unless it is among the best so many."""
 _OUTSIDE = 2.0
 """Error over that of what stands beyond which a refit that has slowed down is given up before it is
-decided which are worth following, and over the best rival's up to which one is that has not."""
+decided which are worth following; and over the best one's up to which one that has not is."""
 _HOPELESS = 4.0
 """Error over that of a rival from an earlier race, or of what stands, beyond which nobody is
 followed."""
@@ -240,7 +240,7 @@ def race(
 
 
 def _falling(fit: Fit) -> bool:
-    """Whether a fit was stopped while every iteration lowered its error by much."""
+    """Whether a fit was stopped while it fell fast: by much in its last iteration."""
     error = fit.trace.rms
     stopped = not fit.outcome.success and error.size > 1
     return stopped and bool(error[-1] < _SLOWED * error[-2])

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.assembly import System
 from piezo_opt.errors import ModelError
-from piezo_opt.simulation.exponential import LinearPart, Weights, linear_part, weights
+from piezo_opt.simulation.exponential import Weights, linear_part, weights
 from piezo_opt.symbolic import one_at_a_time
 
 INITIAL = "initial."
@@ -194,23 +194,7 @@ def _sub_step(
     channels: tuple[ca.SX, ca.SX],
 ) -> ca.SX:
     """The states after a sub-step, and what becomes of them there."""
-    (u, du), (c, dc) = drive, channels
-    after = _after(linear_part(system, exact), p, h, t, x, drive, channels)
-    if system.becomes is not None:
-        after = system.becomes(t + h, after, u + du * h, c + dc * h, p)
-    return ca.densify(after)
-
-
-def _after(
-    part: LinearPart,
-    p: ca.SX,
-    h: ca.SX,
-    t: ca.SX,
-    x: ca.SX,
-    drive: tuple[ca.SX, ca.SX],
-    channels: tuple[ca.SX, ca.SX],
-) -> ca.SX:
-    """The states after a sub-step."""
+    part = linear_part(system, exact)
     (u, du), (c, dc) = drive, channels
     matrix = part.matrix(p)
     of = [weights(matrix[list(block), list(block)], h) for block in part.blocks]
@@ -237,14 +221,17 @@ def _after(
     n4 = rest(h, e)
 
     def whole(k: list[int], by: Weights) -> ca.SX:
-        if _one([n1[k], n2[k], n3[k], n4[k]]):
+        if _alike([n1[k], n2[k], n3[k], n4[k]]):
             return by.whole @ x[k] + (by.first + 2.0 * by.middle + by.last) @ n1[k]
         return by.whole @ x[k] + by.first @ n1[k] + by.middle @ (n2[k] + n3[k]) + by.last @ n4[k]
 
-    return moved(whole, x + (h * (1.0 / 6.0)) * (n1 + 2.0 * (n2 + n3) + n4))
+    after = moved(whole, x + (h * (1.0 / 6.0)) * (n1 + 2.0 * (n2 + n3) + n4))
+    if system.becomes is not None:
+        after = system.becomes(t + h, after, u + du * h, c + dc * h, p)
+    return ca.densify(after)
 
 
-def _one(stages: Sequence[ca.SX]) -> bool:
+def _alike(stages: Sequence[ca.SX]) -> bool:
     """Whether the inputs of all stages are the same: nothing that they follow moves."""
     shared = ca.cse(list(stages))
     return all(

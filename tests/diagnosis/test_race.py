@@ -62,7 +62,7 @@ def test_only_those_near_the_best_are_followed_and_always_three(followed: list[f
     assert followed == [1.0, 5.0, 7.0]
 
 
-def test_who_still_falls_fast_is_followed_however_far_behind(followed: list[float]) -> None:
+def test_who_still_falls_fast_is_followed_within_twice_the_best(followed: list[float]) -> None:
     """Where it was stopped says nothing of where it ends."""
     falling, slow = entering(1.9, before=1.3), entering(1.8)
     leading = [entering(e) for e in (1.0, 1.1, 1.2)]

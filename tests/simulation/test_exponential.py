@@ -140,7 +140,7 @@ class Written(Effect):
         (AmplifierLag(poles=2) + LOOP, {("amplifier_lag.z[0]", "amplifier_lag.z[1]")}),
         # What the velocity induces in the amplifier reaches the loop, which pulls at the mass.
         (ChargeBackCoupling() + MOVING, {MECHANICS}),
-        # Nor does what follows something else beside it.
+        # Whoever follows another lag and nothing else is its second pole.
         (LOOP + SensorLag() + Written(), {("sensor_lag.z",), ("written.z",)}),
         (PiezoGain() + SensorLag() + Written(), {("sensor_lag.z", "written.z")}),
         # Neither the contact's memory nor the limited drive is linear in itself.
