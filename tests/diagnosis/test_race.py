@@ -71,6 +71,10 @@ def test_who_still_falls_fast_is_followed_within_twice_the_best(followed: list[f
     followed.clear()
     race(BELOW, [*leading, falling], 1, most=2)
     assert 1.9 not in followed
+    # Nor is who has converged, be it on sub-steps that are too coarse and with a last leap.
+    ended = entering(1.3, converged=True, before=1.3)
+    race(BELOW, [*(entering(e) for e in (0.8, 0.81, 0.82)), ended], 1)
+    assert 1.3 not in followed
     # Not with more than twice what the best leaves, nor four times what a rival of before does.
     followed.clear()
     race(BELOW, [*leading, entering(2.1, before=1.3)], 1)
