@@ -25,7 +25,7 @@ import piezo_opt as po
 from piezo_opt.diagnosis.rung import adding, bic_gain, solved
 from piezo_opt.effects import BoucWen, PiezoGain, SecondOrder
 
-RIVALS = ("creep", "hysteretic_force", "drift", "sensor_curvature", "friction", "asymmetry")
+RIVALS = ("creep", "hysteretic_force", "drift", "sensor_nonlinearity", "friction", "asymmetry")
 
 
 def question() -> po.Identification:

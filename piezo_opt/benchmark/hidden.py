@@ -41,6 +41,12 @@ TWO: Final = "two"
 """The class of two effects at once, another pair for every seed."""
 POOLED: Final = frozenset({"amplifier_lag", "delay", "sensor_lag"})
 """Effects that count as one where the exact member is asked for."""
+FORMS: Final = {
+    "backlash": "dead_zone",
+    "sensor_curvature": "sensor_nonlinearity",
+    "thermal_expansion": "temperature",
+}
+"""Classes that hide another form of a row of the catalogue than the class of its name."""
 WITHHELD: Final = {"interferometer_fringes": "sensor_nonlinearity"}
 """Classes that are outside the catalogue only while its row is withheld."""
 _DISTINCT: Final = 1.0
@@ -421,7 +427,7 @@ def _pairs(seed: int) -> Iterator[tuple[str, str]]:
 
 
 def _pooled(name: str) -> str:
-    return "lag" if name in POOLED else name
+    return "lag" if name in POOLED else FORMS.get(name, name)
 
 
 def _median(values: Sequence[float]) -> float:

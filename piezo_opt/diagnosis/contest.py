@@ -90,6 +90,9 @@ def contest(
     def begun_there(pair: tuple[Rung, Rung]) -> Rung | None:
         return _after(fit, *pair, threads)
 
+    def at_its_best(rung: Rung) -> Rung:
+        return _shaped(fit, _founded(fit, rung, threads), threads)
+
     if _explained(closest) and not afresh:
         # A law with more freedom gets there first; in its details another one may be exact.
         level = [r for r in named if r.fit.rms < _LEVEL * best.rms][:_MOST]
@@ -99,11 +102,14 @@ def contest(
         alone = len(level) < 2 and not equipped
         with ThreadPoolExecutor(max_workers=threads) as pool:
             asked = [] if alone else [*level, *(r for r in equipped if r not in level)]
-            trying = list(pool.map(lambda r: _founded(fit, r, threads), asked))
-            detailed = list(pool.map(lambda r: _shaped(fit, r, threads), trying))
+            detailed = list(pool.map(at_its_best, asked))
             # Whoever has fewer parameters may do exactly what a law with more freedom has found.
             after = [(r, o) for o in detailed or level for r in named if _simpler(r, o)]
-            detailed += [r for r in pool.map(begun_there, after) if r]
+            caught = [r for r in pool.map(begun_there, after) if r]
+            if alone and any(r.fit.rms < _LEVEL * best.rms for r in caught):
+                # Whoever has been caught up with in detail is compared in its own.
+                detailed += pool.map(at_its_best, level)
+            detailed += caught
         return judged(fit, [*rungs, *detailed]) if detailed else first
     near = _CLOSE if settled(best) else _NEAR
     contenders = [r for r in named if r.fit.rms < near * best.rms][:_MOST]

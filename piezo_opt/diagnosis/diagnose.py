@@ -388,7 +388,7 @@ def _laws(withhold: Sequence[str]) -> list[type[Effect]]:
     return [
         kind
         for name, kind in CATALOGUE.items()
-        if kind.structural and kind.place is Place.STRAIN and kind().states
+        if kind.structural and kind().place is Place.STRAIN and kind().states
         and name not in withhold
     ]  # fmt: skip
 

@@ -110,7 +110,7 @@ def exchange(
         if taken is not None and taken.suspect is not None:
             now[place] = replace(
                 step, name=taken.suspect.name, effect=taken.suspect.effect,
-                group=group_of(taken, seen.ranked, seen.suspects),
+                group=group_of(seen.poorer, taken, seen.ranked, seen.suspects),
                 p_value=taken.suspect.p_value,
             )  # fmt: skip
         if rival is not None:
@@ -168,7 +168,8 @@ def regrouped(
         seen = _seen(foot, fit, step, [step.effect, *rivals], threads)
         standing = seen and _standing(fit, step, seen)
         if seen and standing:
-            told[place] = replace(step, group=group_of(standing, seen.ranked, seen.suspects))
+            group = group_of(seen.poorer, standing, seen.ranked, seen.suspects)
+            told[place] = replace(step, group=group)
     return told
 
 

@@ -160,7 +160,7 @@ class _Climb:
         if taken is None:
             return at, None
         rung, after = taken
-        group = () if rung.suspect is None else group_of(rung, rungs, at.now)
+        group = () if rung.suspect is None else group_of(at.fit, rung, rungs, at.now)
         return at, (rung, after, group)
 
     def afresh(self, at: _Stand) -> _Stand | None:
@@ -187,7 +187,7 @@ class _Climb:
         if ahead is not None and here is not None and ahead > here:
             return None
         assert rung.suspect is not None
-        group = group_of(rung, rungs, self.suspects)
+        group = group_of(self.foot, rung, rungs, self.suspects)
         gone = tuple(step.name for step in at.steps if step.name != rung.suspect.name)
         stand = self.revised(bottom, self.named(bottom, rung, after, group))
         return replace(stand, dropped=(*at.dropped, *gone, *stand.dropped))

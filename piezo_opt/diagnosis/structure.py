@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.following import follows_drive
 from piezo_opt.diagnosis.noise import REMEMBERED, NoiseFloor, correlations
-from piezo_opt.diagnosis.periodic import period
 from piezo_opt.diagnosis.slow_noise import LEAST
 from piezo_opt.identification import Fit
+from piezo_opt.identification.periodic import period
 from piezo_opt.units import show
 
 FloatArray = NDArray[np.float64]

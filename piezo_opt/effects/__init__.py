@@ -26,12 +26,10 @@ from piezo_opt.effects.motion.load import Load
 from piezo_opt.effects.motion.load_mass import LoadMass
 from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.motion.spring import Spring
-from piezo_opt.effects.output.backlash import Backlash
 from piezo_opt.effects.output.drift import Drift
 from piezo_opt.effects.output.mains_pickup import MainsPickup
 from piezo_opt.effects.output.offset import Offset
 from piezo_opt.effects.output.second_mode import SecondMode
-from piezo_opt.effects.output.sensor_curvature import SensorCurvature
 from piezo_opt.effects.output.sensor_lag import SensorLag
 from piezo_opt.effects.output.sensor_nonlinearity import SensorNonlinearity
 from piezo_opt.effects.strain.bouc_wen import BoucWen
@@ -44,13 +42,11 @@ from piezo_opt.effects.strain.piezo_gain import PiezoGain
 from piezo_opt.effects.strain.prandtl_ishlinskii import PrandtlIshlinskii
 from piezo_opt.effects.strain.preisach import Preisach
 from piezo_opt.effects.strain.temperature import Temperature
-from piezo_opt.effects.strain.thermal_expansion import ThermalExpansion
 
 __all__ = [
     "CATALOGUE",
     "AmplifierLag",
     "Asymmetry",
-    "Backlash",
     "BoucWen",
     "Chain",
     "ChargeBackCoupling",
@@ -81,7 +77,6 @@ __all__ = [
     "Saturation",
     "SecondMode",
     "SecondOrder",
-    "SensorCurvature",
     "SensorLag",
     "SensorNonlinearity",
     "Signal",
@@ -89,7 +84,6 @@ __all__ = [
     "Spring",
     "State",
     "Temperature",
-    "ThermalExpansion",
     "effect",
     "model_from_dict",
 ]

@@ -70,6 +70,8 @@ class Parameter:
         detail: a fixed shape that one record in many can see (the roundness of a knee): a search
             for missing effects frees it where that pays, before it asks for another effect.
         per_record: a campaign estimates one value for every record.
+        repeats: a length along the reading, after half of which what the effect does repeats: a
+            search looks for it in the spectrum of what is left along the reading.
         coarse: a shape that hardly changes what the effect does: a search tries every second value.
         when, unless: name of an option of the effect (or several: any of them) with which, or
             without which, there is this parameter: effects of several forms declare those of all.
@@ -87,6 +89,7 @@ class Parameter:
     fixed: bool = False
     detail: bool = False
     per_record: bool = False
+    repeats: bool = False
     coarse: bool = False
     when: str | tuple[str, ...] = ()
     unless: str | tuple[str, ...] = ()
@@ -137,7 +140,8 @@ class State:
         trailing: it follows a signal at a short distance, at which a record that is cut out of a
             motion begins, without mechanics that take that up; soon forgotten, and not counted
             where models are compared.
-        unless: option of the effect under which there is no such state.
+        when, unless: name of an option of the effect (or several) with which, or without which,
+            there is this state.
     """
 
     unit: str
@@ -149,7 +153,8 @@ class State:
     remanent: bool = False
     relaxing: bool = False
     trailing: bool = False
-    unless: str = ""
+    when: str | tuple[str, ...] = ()
+    unless: str | tuple[str, ...] = ()
 
 
 @final
@@ -230,12 +235,8 @@ class Effect(ABC):
     :class:`Parameter` and :class:`State`.
     """
 
-    place: ClassVar[Place]
     structural: ClassVar[bool] = False
     """Structural effects make up the base model and need no gate."""
-    requires: ClassVar[tuple[str, ...]] = ()
-    """What the chain must hold: ``"loop"``, ``"motion"`` or ``"channel:NAME"``."""
-
     variants: ClassVar[tuple[Mapping[str, Any], ...]] = ({},)
     """Options under which a search tries the effect; none: only where it is offered."""
     rarer: ClassVar[tuple[str, ...]] = ()
@@ -252,7 +253,7 @@ class Effect(ABC):
         body = cls.__dict__
         cls._parameters = {k: v for k, v in body.items() if isinstance(v, Parameter)}
         cls._states = {k: v for k, v in body.items() if isinstance(v, State)}
-        if not isinstance(body.get("place"), Place):
+        if not isinstance(body.get("place"), Place | property):
             raise ModelError(
                 f"Effect {cls.__name__} declares no place: write place = Place.STRAIN."
             )
@@ -262,7 +263,11 @@ class Effect(ABC):
                 for name, p in cls._parameters.items()
                 for option in (*_names(p.when), *_names(p.unless), p.freed, p.given)
             ),
-            *((f"state '{name}'", s.unless, False) for name, s in cls._states.items()),
+            *(
+                (f"state '{name}'", option, False)
+                for name, s in cls._states.items()
+                for option in (s.when, s.unless)
+            ),
         ]
         for member, option, number in options:
             if option and option not in body.get("__annotations__", {}):
@@ -294,6 +299,16 @@ class Effect(ABC):
         gates = [k for k, v in self.parameters.items() if v.null is not None]
         if not self.structural and len(gates) != 1:
             raise _miscounted(f"{self!r}", gates)
+
+    @property
+    @abstractmethod
+    def place(self) -> Place:
+        """Where in the chain it acts: ``place = Place.STRAIN``, or by the form it has."""
+
+    @property
+    def requires(self) -> tuple[str, ...]:
+        """What the chain must hold: ``"loop"``, ``"motion"`` or ``"channel:NAME"``."""
+        return ()
 
     @abstractmethod
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
@@ -358,7 +373,7 @@ class Effect(ABC):
         return {
             name: state
             for name, state in self._states.items()
-            if not (state.unless and getattr(self, state.unless))
+            if (not state.when or self._has(state.when)) and not self._has(state.unless)
         }
 
     @property

@@ -8,11 +8,16 @@ from piezo_opt.effects.base import Parameter
 from piezo_opt.symbolic import Expression, cos, sin
 
 
-def harmonic(meaning: str) -> Parameter:
-    """Amplitude of a harmonic over that of the fundamental; kept at 0 unless freed."""
+def harmonic(meaning: str, unless: str | tuple[str, ...] = ()) -> Parameter:
+    """Amplitude of a harmonic over that of the fundamental; kept at 0 unless freed.
+
+    Args:
+        meaning: which one.
+        unless: options of the effect without which there is this parameter.
+    """
     return Parameter(
         "1", meaning, nominal=0.0, bounds=(-10.0, 10.0), typical=(-0.1, 0.1), fixed=True,
-        detail=True,
+        detail=True, unless=unless,
     )  # fmt: skip
 
 

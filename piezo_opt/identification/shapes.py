@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, signal
 
 from piezo_opt.effects.base import Effect, Parameter, Place
+from piezo_opt.identification.periodic import period
 from piezo_opt.identification.unknowns import limits
 from piezo_opt.measurement import Measurement
 
@@ -62,6 +63,9 @@ def _values(parameter: Parameter, record: Measurement, residual: FloatArray) -> 
     top = float(np.abs(record.drive).max()) or 1.0
     swing = float(np.ptp(record.drive)) or 1.0
     unit = parameter.unit
+    if parameter.repeats:
+        length = period(record.position - residual, residual)
+        return [] if length is None else [2.0 * length]
     if unit == "s":
         return _numbers(np.geomspace(0.3 * record.step, 0.3 * record.duration, 7))
     if unit == "V":
@@ -80,8 +84,9 @@ def _values(parameter: Parameter, record: Measurement, residual: FloatArray) -> 
     if unit == "1/m":
         return _numbers(np.geomspace(0.5, 100.0, 6) / stroke)
     if unit == "m/V":
-        slope = np.polyfit(record.drive, record.position, 1)[0]
-        return _numbers(slope * np.array([0.1, 0.4, 2.0]))
+        return _numbers(_gain(record) * np.array([0.1, 0.4, 2.0]))
+    if unit == "V/m":
+        return _numbers(np.array([0.1, 0.4]) / (_gain(record) or 1.0))
     if unit == "1/V":
         return _numbers(np.geomspace(0.3, 30.0, 4) / swing)
     if unit == "rad/s":
@@ -132,7 +137,8 @@ def detail_start(parameter: Parameter, record: Measurement) -> float:
         value = float(np.sqrt(np.mean(np.gradient(record.position, record.time) ** 2)))
     elif parameter.nominal != 0.0 or parameter.unit == "1":
         least, most = parameter.typical or (0.0, 2.0 * parameter.nominal)
-        value = parameter.nominal + (0.05 * (most - least) if parameter.unit == "1" else 0.0)
+        away = 0.05 * (most - least) if parameter.unit == "1" else 0.0
+        value = parameter.nominal + (away if parameter.nominal + away < high else -away)
     else:
         sizes = {
             "s": 0.01 * record.step, "V": 0.01 * swing, "m": 0.01 * stroke, "1/V": 0.05 / swing,
@@ -190,6 +196,11 @@ def resonances(record: Measurement, residual: FloatArray, *, broad: bool = False
         if bottom < omega < 0.9 * np.pi / step and apart:
             kept.append(float(omega))
     return kept
+
+
+def _gain(record: Measurement) -> float:
+    """Slope of the position over the drive [m/V]."""
+    return float(np.polyfit(record.drive, record.position, 1)[0])
 
 
 def _numbers(values: FloatArray) -> list[float]:

@@ -264,7 +264,7 @@ def test_drives_are_written_only_where_there_is_a_folder(tmp_path: Path, loop: P
         # As fast as the record was read, and within the drive that it had.
         assert np.diff(time) == pytest.approx(1.0)
         assert volts.min() >= 0.0
-        assert volts.max() == pytest.approx(125.0)
+        assert 0.99 * 125.0 < volts.max() < 125.0 + 1e-9
 
 
 def test_other_laws_are_compared_when_asked_or_more_than_noise_is_left(tmp_path: Path) -> None:

@@ -241,7 +241,8 @@ def test_rivals_within_strong_evidence_are_in_the_group() -> None:
     even, behind = square("even", 5.0, 90.1), square("behind", 1.06, 89.9)
     better = square("better", 1.05, 200.0)
     rungs = [taken, even, behind, better, detail("bouc_wen.n", 1.0)]
-    assert group_of(taken, rungs, ()) == ("taken", "even", "better")
+    below = square("below", 1.06, 0.0).fit
+    assert group_of(below, taken, rungs, ()) == ("taken", "even", "better")
 
 
 @pytest.mark.usefixtures("unit_noise")
@@ -264,20 +265,41 @@ def test_where_the_best_is_not_exact_another_form_may_be_meant(
     taken: float, rival: float, meant: bool
 ) -> None:
     rungs = [square("taken", taken, 200.0), square("rival", rival, 100.0)]
-    assert group_of(rungs[0], rungs, ()) == (("taken", "rival") if meant else ("taken",))
+    below = square("below", taken, 0.0).fit
+    assert group_of(below, rungs[0], rungs, ()) == (("taken", "rival") if meant else ("taken",))
+
+
+@pytest.mark.usefixtures("unit_noise")
+@pytest.mark.parametrize(
+    ("below", "rival", "meant"),
+    [
+        # A hundredth of what the effect explains (24) is below what noise hides (an eighth more).
+        (25.0, 1.239, True),
+        (25.0, 1.241, False),
+        # A hundredth of 99 is not.
+        (100.0, 1.254, True),
+        (100.0, 1.255, False),
+    ],
+)
+def test_a_rival_behind_by_a_tenth_of_the_effect_may_be_meant(
+    below: float, rival: float, meant: bool
+) -> None:
+    rungs = [square("taken", 1.0, 200.0), square("rival", rival, 100.0)]
+    group = group_of(square("below", below, 0.0).fit, rungs[0], rungs, ())
+    assert group == (("taken", "rival") if meant else ("taken",))
 
 
 @pytest.mark.usefixtures("unit_noise")
 def test_who_was_not_refitted_is_in_the_group_by_direction() -> None:
     """Parallel within a cosine of 0.995, which is 5.7 degrees, and on its allowed side."""
     taken = square("taken", 1.0, 200.0)
-    beaten = square("beaten", 1.0, 100.0)
+    beaten = square("beaten", 1.2, 100.0)
     everybody = [
         suspect("taken", 90.0), suspect("beaten", 90.0), suspect("parallel", 95.5),
         suspect("opposite", 270.0), suspect("beside", 96.0),
         suspect("forbidden", 90.0, wrong_side=True),
     ]  # fmt: skip
-    found = group_of(taken, [taken, beaten], everybody)
+    found = group_of(square("below", 2.0, 0.0).fit, taken, [taken, beaten], everybody)
     assert found == ("taken", "parallel", "opposite")
 
 

@@ -34,10 +34,10 @@ from piezo_opt.diagnosis.shortlist import entrants, scored
 from piezo_opt.effects import (
     AmplifierLag,
     Asymmetry,
-    Backlash,
     ChargeBackCoupling,
     Creep,
     CubicStiffness,
+    DeadZone,
     Drift,
     Effect,
     Friction,
@@ -75,7 +75,7 @@ def test_a_detail_is_freed_before_another_name_is_asked_for() -> None:
     record = measured(STILL, time, rich(time), CUBED)
     split = held(record)
     base = fitted(STILL, split.question.campaign.records[0])
-    offered: list[Effect] = [NonlinearGain(), Backlash(), Creep(elements=1), Drift()]
+    offered: list[Effect] = [NonlinearGain(), DeadZone(backlash=True), Creep(elements=1), Drift()]
     ladder = climb(base, split, offered)
     assert [s.name for s in ladder.steps] == ["nonlinear_gain"]
     assert ladder.final.values["nonlinear_gain.ratio"] == pytest.approx(1.5e-2, rel=0.1)
@@ -338,7 +338,9 @@ def test_the_other_form_of_an_effect_is_tried_before_another_effect() -> None:
     # Forms differ in one option or in several; none is a mixture of two.
     sided = fit.question.with_model(STILL + Asymmetry(sided=True))
     others = [t.question.model["asymmetry"] for t in shape_refinements(solved(sided, fit.values))]
-    assert others == [Asymmetry(), Asymmetry(growing=True), Asymmetry(bent=True)]
+    assert others == [
+        Asymmetry(), Asymmetry(growing=True), Asymmetry(bent=True), Asymmetry(uneven=True)
+    ]  # fmt: skip
     rungs = race(three, shape_refinements(three), 1)
     best = next(r for r in rungs if r.fit.model["creep"] == Creep(elements=1))
     assert best.fit.rms == pytest.approx(NOISE, rel=0.05)

@@ -25,15 +25,16 @@ from piezo_opt.effects import (
     NonlinearGain,
     RateDependence,
     SecondMode,
-    SensorCurvature,
     SensorLag,
+    SensorNonlinearity,
 )
 from tests.diagnosis.plants import MOVING, TRUTH, clock, measured, rich, triangle
 
 FORGETS = RateDependence(), {"r": 4.0}
-BENT = SensorCurvature(), {"a": -6e3}
+SCALE = SensorNonlinearity(quadratic=True)
+BENT = SCALE, {"curvature": -6e3}
 OFFERED: list[Effect] = [
-    RateDependence(), Creep(elements=1), AmplifierLag(), NonlinearGain(), SensorCurvature(),
+    RateDependence(), Creep(elements=1), AmplifierLag(), NonlinearGain(), SCALE,
 ]  # fmt: skip
 
 
@@ -66,11 +67,11 @@ def climbed(
 def test_an_earlier_step_gives_way_beside_a_later_one(
     records: tuple[po.Measurement, po.Measurement],
 ) -> None:
-    foot, fit, steps, held = climbed(*records, Creep(elements=1), SensorCurvature())
+    foot, fit, steps, held = climbed(*records, Creep(elements=1), SCALE)
     better, now, gone = exchange(foot, fit, steps, held, OFFERED, threads=2)
     assert gone == [("creep", "rate_dependence")]
-    assert [step.name for step in now] == ["rate_dependence", "sensor_curvature"]
-    assert better.model.names[-2:] == ("sensor_curvature", "rate_dependence")
+    assert [step.name for step in now] == ["rate_dependence", "sensor_nonlinearity"]
+    assert better.model.names[-2:] == ("sensor_nonlinearity", "rate_dependence")
     assert bic_gain(fit, better) > STRONG
     assert better.rms == pytest.approx(1e-8, rel=0.03)
     assert now[0].group[0] == "rate_dependence"
@@ -83,7 +84,7 @@ def test_an_earlier_step_gives_way_beside_a_later_one(
     assert now[0].rms_before == foot.rms
     assert now[1].rms_before == now[0].rms_after == now[0].fit.rms
     assert now[0].fit.model.names[-1] == "rate_dependence"
-    assert "sensor_curvature" not in now[0].fit.model
+    assert "sensor_nonlinearity" not in now[0].fit.model
     assert now[0].rms_after < 0.9 * foot.rms
     assert now[1].delta_bic == bic_gain(now[0].fit, better)
 
@@ -92,13 +93,13 @@ def test_whoever_explains_far_more_alone_comes_first(
     records: tuple[po.Measurement, po.Measurement],
 ) -> None:
     """A step that took another one's place may be the smaller of two."""
-    foot, fit, steps, held = climbed(*records, SensorCurvature(), RateDependence())
+    foot, fit, steps, held = climbed(*records, SCALE, RateDependence())
     left = [
         solved(fit.question.with_model(MOVING + step.effect), fit.values).rms for step in steps
     ]  # fmt: skip
     assert left[1] < module._AHEAD * left[0]
     now = module._in_order(foot, fit, steps, held, 2)
-    assert [step.name for step in now] == ["rate_dependence", "sensor_curvature"]
+    assert [step.name for step in now] == ["rate_dependence", "sensor_nonlinearity"]
     assert now[0].rms_before == foot.rms
     assert now[0].rms_after == pytest.approx(left[1], rel=1e-3)
     assert now[1].rms_before == now[0].rms_after
@@ -145,7 +146,7 @@ def test_a_group_is_told_beside_what_was_found_later() -> None:
 
 
 def test_what_is_right_stays(records: tuple[po.Measurement, po.Measurement]) -> None:
-    foot, fit, steps, held = climbed(*records, RateDependence(), SensorCurvature())
+    foot, fit, steps, held = climbed(*records, RateDependence(), SCALE)
     same, now, gone = exchange(foot, fit, steps, held, OFFERED, threads=2, last=True)
     assert (gone, now) == ([], steps)
     assert same is fit
@@ -178,7 +179,7 @@ def test_the_last_step_is_asked_only_where_it_was_judged_beside_something_else(
         return steps
 
     ordered: list[Any] = []
-    seen = SimpleNamespace(ranked=(), suspects=(), shaped=True)
+    seen = SimpleNamespace(poorer=None, ranked=(), suspects=(), shaped=True)
     monkeypatch.setattr(module, "_seen", lambda *_: seen)
     monkeypatch.setattr(module, "_rival", rival)
     monkeypatch.setattr(module, "group_of", lambda *_: ())
@@ -197,7 +198,7 @@ def test_only_those_with_more_parameters_than_asked_for_give_way(
     records: tuple[po.Measurement, po.Measurement], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Creep of one element has two parameters."""
-    foot, fit, steps, held = climbed(*records, Creep(elements=1), SensorCurvature())
+    foot, fit, steps, held = climbed(*records, Creep(elements=1), SCALE)
     monkeypatch.setattr(module, "_seen", lambda *_: pytest.fail("asked"))
     exchange(foot, fit, steps, held, OFFERED, threads=2, beyond=2)
     with pytest.raises(pytest.fail.Exception):
@@ -207,7 +208,7 @@ def test_only_those_with_more_parameters_than_asked_for_give_way(
 def test_a_rival_begins_beside_the_others_as_they_were(
     records: tuple[po.Measurement, po.Measurement], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    foot, fit, steps, held = climbed(*records, Creep(elements=1), SensorCurvature())
+    foot, fit, steps, held = climbed(*records, Creep(elements=1), SCALE)
     tried: list[Trial] = []
 
     def race(_: po.Fit, trials: list[Trial], __: int, standing: po.Fit) -> list[Trial]:
@@ -220,7 +221,7 @@ def test_a_rival_begins_beside_the_others_as_they_were(
     exchange(foot, fit, steps, held, OFFERED, threads=2)
     assert tried
     others = [k for k in fit.names if not k.startswith(("creep", "initial"))]
-    assert "sensor_curvature.a" in others
+    assert "sensor_nonlinearity.curvature" in others
     for trial in tried:
         assert trial.suspect is not None
         assert {k: trial.start[k] for k in others} == {k: fit.values[k] for k in others}
@@ -239,7 +240,7 @@ def test_who_still_explains_a_part_at_the_end_is_fitted_in_each_place(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Whatever its scores there: beside what a step only imitated it may explain nothing."""
-    foot, fit, steps, _ = climbed(*records, Creep(elements=1), SensorCurvature())
+    foot, fit, steps, _ = climbed(*records, Creep(elements=1), SCALE)
     tried: list[str] = []
 
     def race(_: po.Fit, trials: list[Trial], __: int, **___: po.Fit) -> list[Rung]:
@@ -260,7 +261,7 @@ def test_only_strong_evidence_takes_a_place(
     gives_way: bool,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    foot, fit, steps, held = climbed(*records, Creep(elements=1), SensorCurvature())
+    foot, fit, steps, held = climbed(*records, Creep(elements=1), SCALE)
     monkeypatch.setattr(module, "bic_gain", lambda *_: gain)
     _, _, gone = exchange(foot, fit, steps, held, OFFERED, threads=2)
     assert bool(gone) == gives_way
@@ -274,7 +275,7 @@ def test_the_held_out_record_has_a_veto(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A rival that predicts worse does not take a place, however well it fits."""
-    foot, fit, steps, held = climbed(*records, Creep(elements=1), SensorCurvature())
+    foot, fit, steps, held = climbed(*records, Creep(elements=1), SCALE)
     monkeypatch.setattr(
         module, "elsewhere", lambda of, _: np.full(9, 1.0 if "creep" in of.model else error)
     )
@@ -312,7 +313,7 @@ def test_details_are_asked_for_where_who_explains_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A rival leaves but noise and the other record is against it: a detail may be missing."""
-    foot, fit, steps, held = climbed(*records, Creep(elements=1), SensorCurvature())
+    foot, fit, steps, held = climbed(*records, Creep(elements=1), SCALE)
     seen: list[int] = []
     in_shape = module._in_shape
     monkeypatch.setattr(

@@ -20,8 +20,8 @@ from piezo_opt.effects import (
     Effect,
     NonlinearGain,
     SecondMode,
-    SensorCurvature,
     SensorLag,
+    SensorNonlinearity,
 )
 from tests.diagnosis.plants import MOVING, NOISE, TRUTH, clock, measured, rich
 
@@ -94,11 +94,10 @@ def bent(k2: float) -> tuple[po.Fit, list[Step], HeldOut]:
     held = hold_out(po.Identification(MOVING, record), None)
     train = held.question.campaign.records[0]
     foot = po.solve(po.Identification(MOVING, train), start=TRUTH)
+    scale = SensorNonlinearity(quadratic=True)
     one = po.solve(po.Identification(MOVING + NonlinearGain(), train), start=foot.values)
-    two = po.solve(
-        po.Identification(MOVING + NonlinearGain() + SensorCurvature(), train), start=one.values
-    )
-    steps = [step(NonlinearGain(), foot, one), step(SensorCurvature(), one, two)]
+    two = po.solve(po.Identification(MOVING + NonlinearGain() + scale, train), start=one.values)
+    steps = [step(NonlinearGain(), foot, one), step(scale, one, two)]
     return two, steps, held
 
 
@@ -107,7 +106,7 @@ def test_the_last_step_is_asked_where_the_model_has_changed_since(last: bool) ->
     two, steps, held = bent(3e-11)
     # The first is not spared by the second here; what is asked is whether the last one is.
     _, kept, _ = prune(two, steps[1:], held, threads=2, last=last)
-    assert [s.name for s in kept] == ([] if last else ["sensor_curvature"])
+    assert [s.name for s in kept] == ([] if last else ["sensor_nonlinearity"])
 
 
 def test_of_two_that_can_do_without_each_other_whoever_explains_less_goes() -> None:
@@ -116,13 +115,13 @@ def test_of_two_that_can_do_without_each_other_whoever_explains_less_goes() -> N
     Which of the two was found first says nothing.
     """
     two, steps, held = bent(1e-11)
-    for name in ("nonlinear_gain", "sensor_curvature"):
+    for name in ("nonlinear_gain", "sensor_nonlinearity"):
         least = module._without(two, held, 2, name)
         assert least is not None
         assert module._spare(least, two, held)
     for found in (steps, steps[::-1]):
         fit, kept, dropped = prune(two, found, held, threads=2, last=True)
-        assert dropped == ["sensor_curvature"]
+        assert dropped == ["sensor_nonlinearity"]
         assert [s.name for s in kept] == ["nonlinear_gain"]
         assert fit.rms == pytest.approx(NOISE, rel=0.03)
 

@@ -287,10 +287,10 @@ def test_who_stands_without_mechanics_gets_them_where_the_best_has_them(
     monkeypatch.setattr(contest, "_founded", founded)
     monkeypatch.setattr(contest, "_simpler", lambda *_: False)
     monkeypatch.setattr(contest, "judged", lambda _, rungs: list(rungs))
-    force, bent = named("cubic_stiffness", 1.0), named("sensor_curvature", 2.4, still=True)
+    force, bent = named("cubic_stiffness", 1.0), named("sensor_nonlinearity", 2.4, still=True)
     far = named("creep", 2.6, still=True)
     assert len(contest.contest(BELOW, [force, bent, far], BELOW)) == 5
-    assert equipped == ["cubic_stiffness", "sensor_curvature"]
+    assert equipped == ["cubic_stiffness", "sensor_nonlinearity"]
     equipped.clear()
     contest.contest(BELOW, [named("drift", 1.0, still=True), bent], BELOW)
     assert equipped == []

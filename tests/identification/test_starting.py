@@ -9,9 +9,9 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.effects import (
-    Backlash,
     ChargeBackCoupling,
     Creep,
+    DeadZone,
     Effect,
     Friction,
     SecondMode,
@@ -252,7 +252,7 @@ def test_the_remanent_start_is_estimated_and_lowers_the_misfit() -> None:
     [
         (ChargeBackCoupling(poles=2), {"kappa": 600.0, "tau": 4e-3}),
         (SecondMode(), {"g": 0.1, "omega": 2.0 * np.pi * 31.0, "zeta": 0.01}),
-        (Backlash(), {"w": 4e-7}),
+        (DeadZone(backlash=True), {"w": 4e-7}),
     ],
 )
 def test_a_record_cut_in_motion_leaves_no_effect_at_rest(

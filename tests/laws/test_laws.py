@@ -275,7 +275,7 @@ def test_no_effect_escapes_the_catalogue() -> None:
         assert listed().name == name
         assert listed.__module__.endswith(f".{name}")
         assert getattr(listed, "__final__", False), f"{name} can be subclassed"
-    places = [list(Place).index(listed.place) for listed in CATALOGUE.values()]
+    places = [list(Place).index(listed().place) for listed in CATALOGUE.values()]
     assert places == sorted(places)
 
 

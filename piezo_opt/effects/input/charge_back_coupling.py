@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
@@ -17,40 +17,60 @@ class ChargeBackCoupling(Effect):
 
         tau z_1' = x' - z_1,   ratio tau z_2' = z_1 - z_2,   tau = R C
         v = u - kappa z,   kappa = R T
+        tau w' = u - w - tau back x',   v = u + share (w - u),   back = T / C   whole
 
     z is z_1, or z_2 with poles = 2 (the amplifier's own output pole). With R i = u - v and
     i = C v' + T x' the drive is the lagged command (amplifier_lag) less kappa times the lagged
-    velocity, which is the part written here. kappa has the sign of the gain d when it takes
-    energy out of the motion.
+    velocity, which is the part written first. The whole port, entered through a share, holds the
+    lag as well. kappa and back have the sign of the gain d when they take energy out of the motion.
 
     References: Goldfarb & Celanovic (1997), IEEE Control Systems 17(3) (charge q = C v + T x of
     a stack); Preumont (2011), Vibration Control of Active Structures, 3rd ed. (transducers).
     """
 
     poles: int = 1
+    whole: bool = False
     place = Place.INPUT
     requires = ("motion",)
+    variants = ({"whole": False}, {"whole": True})
+    rarer = ("whole",)
     z = State(
-        "m/s", "velocity as the capacitance sees it, pole by pole", size="poles", remanent=True
-    )
+        "m/s", "velocity as the capacitance sees it, pole by pole", size="poles", remanent=True,
+        unless="whole",
+    )  # fmt: skip
+    w = State("V", "voltage of the actuator's capacitance", trailing=True, when="whole")
     kappa = Parameter(
         "V*s/m", "voltage lost per velocity, R T", nominal=0.0, bounds=(-1e8, 1e8),
-        typical=(10.0, 1e3), null=0.0,
+        typical=(10.0, 1e3), null=0.0, unless="whole",
+    )  # fmt: skip
+    share = Parameter(
+        "1", "share of the drive that passes the port", nominal=0.0, bounds=(0.0, 1.0),
+        typical=(0.2, 1.0), null=0.0, when="whole",
+    )  # fmt: skip
+    back = Parameter(
+        "V/m", "voltage that the motion generates, T / C", nominal=1e6, bounds=(-1e12, 1e12),
+        typical=(1e5, 1e7), when="whole",
     )  # fmt: skip
     tau = Parameter(
         "s", "time constant R C", nominal=1e-4, bounds=(1e-7, 0.1), typical=(1e-5, 1e-2)
     )
 
-    ratio = RATIO
+    ratio = replace(RATIO, unless="whole")
 
     def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
         """With the second pole."""
-        return with_second_pole(self, own)
+        return (self, {}) if self.whole else with_second_pole(self, own)
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
-        """The outgoing drive and the lagged velocity."""
+        """The outgoing drive, and the lagged velocity or the port's voltage."""
+        u = chain.incoming.value
+        if self.whole:
+            charged = (u - x.w) / p.tau - p.back * chain.position.rate
+            return Equations(
+                gives=u + p.share * (x.w - u), moves={"w": charged}, starts={"w": u}
+            )  # fmt: skip
         taus = time_constants(self, p)
         return Equations(
-            gives=chain.incoming.value - p.kappa * x.z[self.poles - 1],
+            gives=u - p.kappa * x.z[self.poles - 1],
             moves={"z": lag_rates(x.z, chain.position.rate, taus)},
         )

@@ -14,20 +14,26 @@ from piezo_opt.symbolic import softplus
 class SlewLimit(Effect):
     """Largest rate of the drive, entered through a share.
 
-        z' = e [softplus((w + rate) / e) - softplus((w - rate) / e)] - rate,   e = softness rate
-        w = u' + (u - z) / tau
-        v = u + share (z - u)
+        z' = e [softplus((w + f) / e) - softplus((w - rate) / e)] - f,   f = falling rate
+        w = u' + (u - z) / tau,   v = u + share (z - u),   e = softness rate
+        z' = e [softplus((w + f) / e) - softplus((w - rate) / e)] - f,   f = falling rate   behind
+        w = (u - z) / tau,   v = u + share (z - u),   e = softness rate   behind
 
-    A current limit I on a capacitance C allows rate = I / C: z' is w, held between -rate and rate
-    by softly rounded corners. Below the limit z follows u without lag, because u' is fed forward;
-    tau is the time in which it recovers after the limit. softplus(a) = log(1 + exp(a)).
+    A current limit I on a capacitance C allows rate = I / C: z' is w, held between -f and
+    rate by softly rounded corners; falling is kept at 1 unless freed. Below the limit z follows
+    u without lag, because u' is fed forward, and tau is the time in which it recovers after the
+    limit. Behind, tau is the lag of an amplifier's loop whose current is limited.
+    softplus(a) = log(1 + exp(a)).
 
     References: Fleming & Leang (2014), Design, Modeling and Control of Nanopositioning
     Systems, ch. 14 (electrical drive of capacitive loads); Khalil (2002), Nonlinear Systems,
     3rd ed., sec. 1.2.7 (saturation).
     """
 
+    behind: bool = False
     place = Place.INPUT
+    variants = ({"behind": False}, {"behind": True})
+    rarer = ("behind",)
     z = State("V", "drive of limited rate", trailing=True)
     share = Parameter(
         "1", "share of the drive that is limited", nominal=0.0, bounds=(0.0, 1.0),
@@ -37,23 +43,28 @@ class SlewLimit(Effect):
         "V/s", "largest rate, I / C", nominal=1e4, bounds=(1e-6, 1e12), typical=(1e2, 1e6)
     )
     tau = Parameter(
-        "s", "recovery time after the limit", nominal=1e-3, bounds=(1e-7, 0.1),
+        "s", "recovery time after the limit, or lag below it", nominal=1e-3, bounds=(1e-7, 0.1),
         typical=(1e-4, 1e-2), coarse=True,
     )  # fmt: skip
     softness = Parameter(
         "1", "width of the corners over the rate", nominal=0.2, bounds=(1e-3, 1.0),
         typical=(0.02, 0.3), fixed=True, detail=True,
     )  # fmt: skip
+    falling = Parameter(
+        "1", "largest rate downwards over that upwards", nominal=1.0, bounds=(0.25, 4.0),
+        typical=(0.5, 2.0), fixed=True, detail=True,
+    )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing drive and the rate-limited state."""
         u = chain.incoming
-        wanted = u.rate + (u.value - x.z) / p.tau
-        corner = p.softness * p.rate
-        below = softplus((wanted + p.rate) / corner)
+        wanted = (u.value - x.z) / p.tau
+        wanted = wanted if self.behind else wanted + u.rate
+        corner, fall = p.softness * p.rate, p.falling * p.rate
+        below = softplus((wanted + fall) / corner)
         above = softplus((wanted - p.rate) / corner)
         return Equations(
             gives=u.value + p.share * (x.z - u.value),
-            moves={"z": corner * (below - above) - p.rate},
+            moves={"z": corner * (below - above) - fall},
             starts={"z": u.value},
         )

@@ -21,13 +21,16 @@ class Asymmetry(Effect):
         h' += growth v' (eta v + h / (1 + growth v))   growing
         h' += growth v L,   L the law's own h'         bent
         h' += -chi (|v'| |h| cos(theta) + v' h sin(theta))   sided
+        h' += excess |v'| (1 + tilt v)   uneven
 
     The first, with bend kept at 0 unless freed, depends on the sign of the drive; |v'| in place of
     sign(v') keeps the loop independent of the rate at which it is run through. A growing loop is as
     high as 1 + growth v: with eta the law's strength at 0 V (Bouc-Wen's alpha, n = 1) it is
     (1 + growth v) times the symmetrical one, with a large eta only its strength grows. A bent one
     is driven by v + growth v^2 / 2, as long as that rises with v. A sided one gives way sooner on
-    one side: theta = 0 where h is positive, theta = pi/2 where the drive rises.
+    one side: theta = 0 where h is positive, theta = pi/2 where the drive rises. An uneven one is
+    driven by alpha + excess while the drive rises and alpha - excess while it falls; tilt is kept
+    at 0 unless freed.
 
     References: after Zhu & Wang (2012), Sensors and Actuators A 181, 51-60 (non-symmetrical
     Bouc-Wen model for piezoelectric ceramic actuators); Song & Der Kiureghian (2006), J. Eng.
@@ -37,17 +40,21 @@ class Asymmetry(Effect):
     growing: bool = False
     bent: bool = False
     sided: bool = False
+    uneven: bool = False
     place = Place.LOOP
     requires = ("loop",)
-    variants = ({"growing": False}, {"growing": True}, {"bent": True}, {"sided": True})
-    rarer = ("growing", "bent", "sided")
+    variants = (
+        {"growing": False}, {"growing": True}, {"bent": True}, {"sided": True}, {"uneven": True},
+    )  # fmt: skip
+    rarer = ("growing", "bent", "sided", "uneven")
     delta = Parameter(
         "m/V^2", "strength of the asymmetry", nominal=0.0, bounds=(-1e-3, 1e-3),
-        typical=(-1e-10, 1e-10), null=0.0, unless=("growing", "bent", "sided"),
+        typical=(-1e-10, 1e-10), null=0.0, unless=("growing", "bent", "sided", "uneven"),
     )  # fmt: skip
     bend = Parameter(
         "1/V^2", "cubic over linear growth with the drive", nominal=0.0, bounds=(-1e6, 1e6),
-        typical=(-1e-4, 1e-4), fixed=True, detail=True, unless=("growing", "bent", "sided"),
+        typical=(-1e-4, 1e-4), fixed=True, detail=True,
+        unless=("growing", "bent", "sided", "uneven"),
     )  # fmt: skip
     growth = Parameter(
         "1/V", "growth of the loop with the drive", nominal=0.0, bounds=(-1e3, 1e3),
@@ -66,6 +73,15 @@ class Asymmetry(Effect):
         bounds=(-3.2, 3.2), typical=(0.0, 1.6), when="sided",
     )  # fmt: skip
 
+    excess = Parameter(
+        "m/V", "strength gained while the drive rises and lost while it falls", nominal=0.0,
+        bounds=(-1e-3, 1e-3), typical=(-1e-8, 1e-8), null=0.0, when="uneven",
+    )  # fmt: skip
+    tilt = Parameter(
+        "1/V", "growth of the excess with the drive", nominal=0.0, bounds=(-1e3, 1e3),
+        typical=(-1e-2, 1e-2), fixed=True, detail=True, when="uneven",
+    )  # fmt: skip
+
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Own share of the loop's rate."""
         v, rate, h = chain.drive.value, chain.drive.rate, chain.hysteresis
@@ -77,4 +93,6 @@ class Asymmetry(Effect):
         if self.sided:
             sides = abs_(rate) * abs_(h) * cos(p.theta) + rate * h * sin(p.theta)
             return Equations(gives=-p.chi * sides)
+        if self.uneven:
+            return Equations(gives=p.excess * (1.0 + p.tilt * v) * abs_(rate))
         return Equations(gives=p.delta * v * (1.0 + p.bend * v * v) * abs_(rate))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezo_opt.diagnosis.periodic import period
+from piezo_opt.identification.periodic import period
 from piezo_opt.measurement import FloatArray
 
 N = 6000
