@@ -58,7 +58,7 @@ def read_candidates(path: Path) -> Candidates:
             remarks.append(f"{kind.__name__} ({path}) is structural: it has no gate to be scored.")
             continue
         try:
-            effects += [kind(**options) for options in kind.variants]
+            effects += kind.entries()
         except Exception as error:  # whatever a user's own code raises
             remarks.append(f"{kind.__name__} cannot be made: {_said(error, path)}.")
     return Candidates(tuple(effects), tuple(remarks))

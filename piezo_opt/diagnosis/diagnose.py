@@ -278,10 +278,10 @@ def diagnose(
         fit = _baseline(fit)
     offered = [
         *(
-            kind(**options)
+            form
             for name, kind in CATALOGUE.items()
             if not kind.structural and name not in withhold
-            for options in kind.variants
+            for form in kind.entries()
         ),
         *(c() if isinstance(c, type) else c for c in candidates),
     ]

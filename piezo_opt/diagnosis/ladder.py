@@ -427,14 +427,12 @@ def climb(
         at = at.unconfirmed
     if nothing_to_win(at.fit):
         at = way.grouped(at)
-    # Of an effect that was scored in one form it does not matter that another has no place here.
-    known = {suspect.name for suspect in suspects}
     return Ladder(
         baseline,
         at.fit,
-        tuple(replace(step, fit=with_statistics(step.fit)) for step in at.steps),
+        tuple(_as_it_ended(step, at.fit) for step in at.steps),
         by_name(suspects),
-        tuple(u for u in unscored if u.name not in at.fit.model and u.name not in known),
+        tuple(u for u in unscored if u.name not in at.fit.model),
         tuple(name for name in at.refined if name.split(".")[0] in at.fit.model),
         at.dropped,
     )
@@ -463,6 +461,12 @@ def _freed(before: Fit, after: Fit) -> list[str]:
     """What was refined on the way from one fit to another: mechanics that joined, details freed."""
     joined = [n for n, e in after.model if e.structural and n not in before.model]
     return [*joined, *(k for k in after.question.free if k not in before.question.free)]
+
+
+def _as_it_ended(step: Step, top: Fit) -> Step:
+    """A step with its effect in the form that the ladder ended with, and its statistics."""
+    effect = top.model[step.name] if step.name in top.model else step.effect
+    return replace(step, effect=effect, fit=with_statistics(step.fit))
 
 
 def _of_base(before: Fit, after: Fit) -> list[str]:

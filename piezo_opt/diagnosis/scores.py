@@ -130,8 +130,11 @@ def score(
     with ThreadPoolExecutor(max_workers=threads) as pool:
         answers = list(pool.map(one, candidates))
     best = [a for a in answers if isinstance(a, _Best)]
-    unscored = tuple(a for a in answers if isinstance(a, Unscored))
-    searched = max(1, len({b.effect.name for b in best}))
+    heard = {b.effect.name for b in best}
+    # Of an effect that was scored in one form it does not matter that another has no place here.
+    unheard = (a for a in answers if isinstance(a, Unscored) and a.name not in heard)
+    unscored = {a.name: a for a in unheard}
+    searched = max(1, len(heard))
     units = []
     for b in best:
         length = float(np.linalg.norm(b.direction.projected))
@@ -167,7 +170,7 @@ def score(
             )
         )
     suspects.sort(key=lambda s: (-s.score, s.p_value))
-    return tuple(suspects), unscored
+    return tuple(suspects), tuple(unscored.values())
 
 
 def by_name(suspects: Sequence[Suspect]) -> tuple[Suspect, ...]:

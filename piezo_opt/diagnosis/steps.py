@@ -24,7 +24,7 @@ class Step:
 
     Attributes:
         name: the effect.
-        effect: the object that was added.
+        effect: the object that was added, in the form that the ladder ended with.
         group: names that this record cannot tell it from, itself included.
         rms_before, rms_after: error on the fitted records [m].
         held_out_before, held_out_after: error on the held-out record [m], None without one.

@@ -241,6 +241,9 @@ class Effect(ABC):
     """Options under which a search tries the effect; none: only where it is offered."""
     rarer: ClassVar[tuple[str, ...]] = ()
     """Options of rarer forms: tried as well, but scores are told of the usual ones."""
+    reshaped: ClassVar[tuple[str, ...]] = ()
+    """Options of forms that hold a simpler effect and would enter in its place: they are tried only
+    in the place of another form that has entered."""
 
     redundant: ClassVar[int] = 0
     """Parameters beyond the numbers that act; what counts parameters does not count these."""
@@ -385,6 +388,13 @@ class Effect(ABC):
     def details(self) -> tuple[str, ...]:
         """Names of the parameters that a diagnosis frees where the record pays for it."""
         return tuple(k for k, v in self.parameters.items() if v.detail)
+
+    @classmethod
+    def entries(cls) -> tuple[Effect, ...]:
+        """The forms in which a search lets the effect enter."""
+        written: Any = cls
+        forms = [written(**options) for options in cls.variants]
+        return tuple(form for form in forms if not form._has(cls.reshaped))
 
     @property
     def rare(self) -> bool:

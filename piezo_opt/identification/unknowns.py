@@ -115,8 +115,8 @@ def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[floa
     one is an offset in disguise), natural frequencies between one cycle in four durations and
     nine tenths of the highest frequency that the sampling can hold, distances in which a contact
     gives way not below a five-hundredth of the stroke, loops that do not saturate within a
-    three-thousandth of the drive's range. One-sided strokes per volt are mirrored where the
-    position falls as the drive rises.
+    three-thousandth of the drive's range. One-sided strokes per volt, and volts per stroke, are
+    mirrored where the position falls as the drive rises.
     """
     low, high = parameter.bounds
     step = min(r.step for r in records)
@@ -133,7 +133,7 @@ def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[floa
     elif parameter.unit == "1/V" and not parameter.fixed:
         sharpest = 1.0 / (_NARROWEST * max(float(np.ptp(r.drive)) for r in records))
         low, high = max(low, -sharpest), min(high, sharpest)
-    elif parameter.unit == "m/V" and low == 0.0 and falls(records[0]):
+    elif parameter.unit in ("m/V", "V/m") and low == 0.0 and falls(records[0]):
         low, high = -high, -low
     if not low < high:
         return parameter.bounds

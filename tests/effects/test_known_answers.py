@@ -167,6 +167,8 @@ def test_an_amplifier_that_is_not_fed_forward_lags_a_ramp_by_its_time_constant()
     _, states = respond(PiezoGain() + SlewLimit(behind=True), time, 10.0 * time, values)
     late = 10.0 * time[200:] - states["slew_limit.z"][200:]
     np.testing.assert_allclose(late, 2e-3 * 10.0, rtol=1e-4)
+    # As an amplifier that lags below its limit it would enter for every lag.
+    assert SlewLimit.entries() == (SlewLimit(),)
 
 
 def test_the_whole_port_is_the_lag_and_the_charge_that_comes_back() -> None:

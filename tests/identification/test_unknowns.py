@@ -11,6 +11,7 @@ import piezo_opt as po
 from piezo_opt.effects import (
     AmplifierLag,
     BoucWen,
+    ChargeBackCoupling,
     Creep,
     Drift,
     Friction,
@@ -158,6 +159,8 @@ def test_a_mirrored_sensor_mirrors_one_sided_strokes_only() -> None:
     assert not falls(RECORD)
     alpha, d = BoucWen().parameters["alpha"], PiezoGain().parameters["d"]
     assert limits(alpha, (mirrored,)) == (-alpha.bounds[1], 0.0)
+    back = ChargeBackCoupling(whole=True).parameters["back"]
+    assert limits(back, (mirrored,)) == (-back.bounds[1], 0.0)
     assert limits(alpha, (RECORD,)) == alpha.bounds
     assert limits(d, (mirrored,)) == d.bounds
 

@@ -22,7 +22,8 @@ class ChargeBackCoupling(Effect):
     z is z_1, or z_2 with poles = 2 (the amplifier's own output pole). With R i = u - v and
     i = C v' + T x' the drive is the lagged command (amplifier_lag) less kappa times the lagged
     velocity, which is the part written first. The whole port, entered through a share, holds the
-    lag as well. kappa and back have the sign of the gain d when they take energy out of the motion.
+    lag as well; it gives no energy to the motion, so that back has the sign of the gain d, as kappa
+    has when it takes energy out.
 
     References: Goldfarb & Celanovic (1997), IEEE Control Systems 17(3) (charge q = C v + T x of
     a stack); Preumont (2011), Vibration Control of Active Structures, 3rd ed. (transducers).
@@ -48,7 +49,7 @@ class ChargeBackCoupling(Effect):
         typical=(0.2, 1.0), null=0.0, when="whole",
     )  # fmt: skip
     back = Parameter(
-        "V/m", "voltage that the motion generates, T / C", nominal=1e6, bounds=(-1e12, 1e12),
+        "V/m", "voltage that the motion generates, T / C", nominal=1e6, bounds=(0.0, 1e12),
         typical=(1e5, 1e7), when="whole",
     )  # fmt: skip
     tau = Parameter(

@@ -19,11 +19,10 @@ class SlewLimit(Effect):
         z' = e [softplus((w + f) / e) - softplus((w - rate) / e)] - f,   f = falling rate   behind
         w = (u - z) / tau,   v = u + share (z - u),   e = softness rate   behind
 
-    A current limit I on a capacitance C allows rate = I / C: z' is w, held between -f and
-    rate by softly rounded corners; falling is kept at 1 unless freed. Below the limit z follows
-    u without lag, because u' is fed forward, and tau is the time in which it recovers after the
-    limit. Behind, tau is the lag of an amplifier's loop whose current is limited.
-    softplus(a) = log(1 + exp(a)).
+    A current limit I on a capacitance C allows rate = I / C: z' is w, held between -f and rate by
+    softly rounded corners; falling is kept at 1 unless freed. Below the limit z follows u without
+    lag, because u' is fed forward; tau is the time in which it recovers after the limit. Behind,
+    tau is the lag of an amplifier's loop whose current is limited. softplus(a) = log(1 + exp(a)).
 
     References: Fleming & Leang (2014), Design, Modeling and Control of Nanopositioning
     Systems, ch. 14 (electrical drive of capacitive loads); Khalil (2002), Nonlinear Systems,
@@ -33,7 +32,7 @@ class SlewLimit(Effect):
     behind: bool = False
     place = Place.INPUT
     variants = ({"behind": False}, {"behind": True})
-    rarer = ("behind",)
+    reshaped = ("behind",)
     z = State("V", "drive of limited rate", trailing=True)
     share = Parameter(
         "1", "share of the drive that is limited", nominal=0.0, bounds=(0.0, 1.0),
