@@ -100,6 +100,11 @@ def effect(name: str, **options: Any) -> Effect:
     """
     kind = CATALOGUE.get(name)
     if kind is None:
+        having = [own for own, listed in CATALOGUE.items() if name in listed().options]
+        if having:
+            raise InputError(
+                f"There is no effect '{name}': it is an option of {' and of '.join(having)}."
+            )
         near = difflib.get_close_matches(name, CATALOGUE, n=3)
         if near:
             raise InputError(f"There is no effect '{name}': did you mean {' or '.join(near)}?")

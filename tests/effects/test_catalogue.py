@@ -23,6 +23,8 @@ def test_a_misspelt_name_gets_the_near_ones() -> None:
         effect("secnd_ordr")
     with pytest.raises(InputError, match=r"there are saturation, dead_zone, .*offset"):
         effect("zzz")
+    with pytest.raises(InputError, match="no effect 'backlash': it is an option of dead_zone"):
+        effect("backlash")
 
 
 def test_an_unknown_option_is_refused_by_name() -> None:
