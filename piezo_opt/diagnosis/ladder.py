@@ -465,7 +465,7 @@ def _freed(before: Fit, after: Fit) -> list[str]:
 
 def _as_it_ended(step: Step, top: Fit) -> Step:
     """A step with its effect in the form that the ladder ended with, and its statistics."""
-    effect = top.model[step.name] if step.name in top.model else step.effect
+    effect = dict(top.model).get(step.name, step.effect)
     return replace(step, effect=effect, fit=with_statistics(step.fit))
 
 

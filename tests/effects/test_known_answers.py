@@ -1044,6 +1044,20 @@ def test_backlash_loses_its_width_at_every_turn() -> None:
     np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-18)
 
 
+def test_plays_of_several_widths_take_up_a_motion_one_by_one() -> None:
+    w, spread = 4e-7, 0.5
+    drive = np.concatenate([np.linspace(0.0, 20.0, 41), np.linspace(20.0, 0.0, 401)[1:]])
+    model = PiezoGain() + DeadZone(backlash=True, plays=4)
+    values = {"dead_zone.w": w, "dead_zone.spread": spread}
+    reading, _ = respond(model, np.arange(drive.size) * 1.0, drive, values, 1.0)
+    widths = w * (1.0 + spread * np.array([-0.75, -0.25, 0.25, 0.75]))
+    way = GAIN * (20.0 - drive[40:])
+    taken = np.maximum(0.0, way[:, None] - 2.0 * widths).mean(axis=1)
+    np.testing.assert_allclose(reading[40:], GAIN * 20.0 - w - taken, rtol=0, atol=1e-15)
+    assert DeadZone(backlash=True).finer({})[0] == model["dead_zone"]
+    assert DeadZone().finer({})[0] == DeadZone()
+
+
 def test_backlash_is_behind_the_position_and_a_dead_zone_before_the_gain() -> None:
     model = PiezoGain() + DeadZone() + DeadZone(backlash=True)
     assert [n for n, _ in model.at(Place.INPUT)] == ["dead_zone"]

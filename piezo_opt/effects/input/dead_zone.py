@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
-from piezo_opt.symbolic import play, softplus
+from piezo_opt.symbolic import play, softplus, stack
+
+_PLAYS = 4
+"""Plays of which a finer backlash is made."""
 
 
 @final
@@ -16,20 +20,25 @@ class DeadZone(Effect):
 
         v = u + share (e [softplus((u - width) / e) - softplus((-u - width) / e)] - u)
         e = softness width
-        y = z,   z = min(max(z_before, x - w), x + w)   backlash
+        y = mean of z_i,   z_i = min(max(z_before, x - w_i), x + w_i)   backlash
+        w_i = w (1 + spread c_i),   c_i evenly within -1 and 1   backlash
 
     At share = 1 the drive has no effect for |u| < width and is short by width beyond it.
     softplus(a) = log(1 + exp(a)). Backlash is a play of half width w between the position and the
     reading, exact while the position moves one way: z_before is the reading where it last turned.
-    At w = 0 the reading is the position.
+    At w = 0 the reading is the position. A play that is taken up little by little, as by a rough
+    surface, is several of them side by side; spread is kept at 0 unless freed.
 
     References: Tao & Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor
     Nonlinearities, Wiley (dead-zone, backlash); Khalil (2002), Nonlinear Systems, sec. 1.2.7.
     """
 
     backlash: bool = False
+    plays: int = 1
     variants = ({"backlash": False}, {"backlash": True})
-    z = State("m", "reading at the last turn", remanent=True, when="backlash")
+    z = State(
+        "m", "reading at the last turn, play by play", size="plays", remanent=True, when="backlash"
+    )
     share = Parameter(
         "1", "slope lost around zero", nominal=0.0, bounds=(0.0, 1.0), typical=(0.1, 1.0),
         null=0.0, unless="backlash",
@@ -46,18 +55,30 @@ class DeadZone(Effect):
         "m", "half of the lost motion", nominal=0.0, bounds=(0.0, 1e-2), typical=(1e-9, 1e-6),
         null=0.0, when="backlash",
     )  # fmt: skip
+    spread = Parameter(
+        "1", "largest width over the mean one, less 1", nominal=0.0, bounds=(0.0, 1.0),
+        typical=(0.0, 1.0), fixed=True, detail=True, when="backlash",
+    )  # fmt: skip
 
     @property
     def place(self) -> Place:
         """The input line; of backlash the output line."""
         return Place.OUTPUT if self.backlash else Place.INPUT
 
+    def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
+        """Backlash with several plays, whose widths can spread."""
+        rough = self.backlash and self.plays == 1
+        return (replace(self, plays=_PLAYS), {}) if rough else (self, {})
+
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing drive, or the outgoing reading, remembered at the end of every stretch."""
         u = chain.incoming.value
         if self.backlash:
-            carried = play(x.z, u, p.w)
-            return Equations(gives=carried, becomes={"z": carried}, starts={"z": u})
+            n = self.plays
+            apart = ((2.0 * i + 1.0 - n) / n for i in range(n))
+            carried = play(x.z, u, stack([p.w * (1.0 + p.spread * c) for c in apart]))
+            mean = sum(carried[i] for i in range(n)) / n
+            return Equations(gives=mean, becomes={"z": carried}, starts={"z": stack([u] * n)})
         corner = p.softness * p.width
         above = softplus((u - p.width) / corner)
         below = softplus((-u - p.width) / corner)
