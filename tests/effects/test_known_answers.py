@@ -634,6 +634,9 @@ def test_nonlinear_gain_is_its_polynomial() -> None:
     np.testing.assert_allclose(
         reading, 1e-3 * drive + 2e-5 * drive**2 + 2e-6 * drive**3, rtol=0, atol=1e-15
     )
+    own = {"nonlinear_gain.k2": 2e-5, "nonlinear_gain.bend": 0.03}
+    quartic = static(NonlinearGain(), drive, own) - 1e-3 * drive
+    np.testing.assert_allclose(quartic, 2e-5 * drive**2 + 6e-7 * drive**4, rtol=0, atol=1e-15)
 
 
 def test_temperature_changes_the_gain_and_expansion_the_zero() -> None:
