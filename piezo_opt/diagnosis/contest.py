@@ -302,7 +302,10 @@ def _fitted(fit: Fit, trial: Trial, suspect: Suspect, beyond: float = float("inf
     except NO_FIT:
         return None
     rung = Rung(replace(trial, suspect=suspect), richer, bic_gain(fit, richer))
-    return rung if plausible(rung) else None
+    # What holds a simpler effect is ahead of that one wherever something else is missing, too.
+    form = dict(richer.model).get(suspect.name)
+    ahead = form is not None and form.holds_another and not explained(richer)
+    return rung if plausible(rung) and not ahead else None
 
 
 def _fresh(

@@ -394,7 +394,12 @@ class Effect(ABC):
         """The forms in which a search lets the effect enter."""
         written: Any = cls
         forms = [written(**options) for options in cls.variants]
-        return tuple(form for form in forms if not form._has(cls.reshaped))
+        return tuple(form for form in forms if not form.holds_another)
+
+    @property
+    def holds_another(self) -> bool:
+        """Whether this is one of the forms that hold a simpler effect."""
+        return self._has(self.reshaped)
 
     @property
     def rare(self) -> bool:

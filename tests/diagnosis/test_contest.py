@@ -45,6 +45,7 @@ from piezo_opt.effects import (
     NonlinearGain,
     Saturation,
     SecondOrder,
+    SlewLimit,
 )
 from piezo_opt.identification.default import shown
 from piezo_opt.identification.shapes import own
@@ -885,3 +886,25 @@ def test_mechanics_that_a_shape_hides_join_once_it_is_in_detail() -> None:
     assert best.fit.rms == pytest.approx(NOISE, rel=0.03)
     # Where no shape is better nothing else is asked for.
     assert module._moving(fit, rung, rung, suspect, 1) is rung
+
+
+@pytest.mark.parametrize(
+    ("form", "noise", "taken"),
+    [
+        (SlewLimit(behind=True), False, False),
+        (SlewLimit(behind=True), True, True),
+        (SlewLimit(), False, True),
+    ],
+)
+def test_what_holds_a_simpler_effect_is_one_where_it_leaves_but_noise(
+    form: Effect, noise: bool, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An amplifier that lags below its limit is ahead of every lag where more is hidden."""
+    richer: Any = SimpleNamespace(model={"slew_limit": form})
+    monkeypatch.setattr(module, "solved", lambda *_: richer)
+    monkeypatch.setattr(module, "bic_gain", lambda *_: 1.0)
+    monkeypatch.setattr(module, "plausible", lambda _: True)
+    monkeypatch.setattr(module, "explained", lambda _: noise)
+    suspect: Any = SimpleNamespace(name="slew_limit")
+    trial = Trial(richer, {}, suspect)
+    assert (module._fitted(richer, trial, suspect) is not None) == taken

@@ -361,7 +361,7 @@ def test_rivals_of_a_step_with_details_are_compared_in_theirs() -> None:
     assert gone == [("asymmetry", "nonlinear_gain")]
     assert [step.name for step in now] == ["nonlinear_gain", "second_mode"]
     assert better.rms == pytest.approx(1.5e-8, rel=0.01)
-    assert better.values["nonlinear_gain.ratio"] == pytest.approx(-4e-3, rel=0.05)
+    assert "nonlinear_gain.ratio" in better.question.free
 
 
 @pytest.mark.parametrize(("best", "expected"), [(0, 3.0), (1, 2.0), (None, None)])

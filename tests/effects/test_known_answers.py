@@ -149,17 +149,6 @@ def test_near_its_limit_the_slew_lags_by_what_its_corner_takes(softness: float) 
     assert lag == pytest.approx(tau * (wanted - 0.95 * rate), rel=1e-3, abs=1e-6)
 
 
-def test_a_slew_limit_may_be_another_one_downwards() -> None:
-    time = np.arange(400) * 1e-3
-    own = {"share": 1.0, "rate": 100.0, "tau": 2e-3, "softness": 0.02, "falling": 0.5}
-    values = {f"slew_limit.{k}": v for k, v in own.items()}
-    step = np.where((time > 0.01) & (time < 0.2), 10.0, 0.0)
-    _, states = respond(PiezoGain() + SlewLimit(), time, step, values)
-    speed = np.gradient(states["slew_limit.z"], time)
-    assert speed.max() == pytest.approx(100.0, rel=1e-3)
-    assert speed.min() == pytest.approx(-50.0, rel=1e-3)
-
-
 def test_an_amplifier_that_is_not_fed_forward_lags_a_ramp_by_its_time_constant() -> None:
     time = np.arange(400) * 1e-3
     own = {"share": 1.0, "rate": 1e4, "tau": 2e-3, "softness": 0.02}
@@ -186,6 +175,12 @@ def test_the_whole_port_is_the_lag_and_the_charge_that_comes_back() -> None:
         "amplifier_lag.share": 1.0, "amplifier_lag.tau": tau,
         "charge_back_coupling.kappa": tau * back, "charge_back_coupling.tau": tau,
     }  # fmt: skip
+    # It holds every lag, and begins where one has been found.
+    assert ChargeBackCoupling.entries() == (ChargeBackCoupling(),)
+    lag = {"share": 0.9, "tau": 1e-4}
+    begun = ChargeBackCoupling(whole=True).like("amplifier_lag", lag)
+    assert begun == {**lag, "back": 0.0}
+    assert ChargeBackCoupling().like("amplifier_lag", lag) is None
     both = moving + AmplifierLag() + ChargeBackCoupling()
     reading, _ = respond(both, time, drive, {**mechanics, **apart}, 1e-5)
     np.testing.assert_allclose(port, reading, rtol=0, atol=1e-9 * np.ptp(reading))

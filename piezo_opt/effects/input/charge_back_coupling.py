@@ -34,7 +34,7 @@ class ChargeBackCoupling(Effect):
     place = Place.INPUT
     requires = ("motion",)
     variants = ({"whole": False}, {"whole": True})
-    rarer = ("whole",)
+    reshaped = ("whole",)
     z = State(
         "m/s", "velocity as the capacitance sees it, pole by pole", size="poles", remanent=True,
         unless="whole",
@@ -57,6 +57,12 @@ class ChargeBackCoupling(Effect):
     )
 
     ratio = replace(RATIO, unless="whole")
+
+    def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
+        """The whole port is an amplifier's lag to which nothing comes back."""
+        if not self.whole or other != "amplifier_lag":
+            return None
+        return {"share": own["share"], "tau": own["tau"], "back": 0.0}
 
     def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
         """With the second pole."""

@@ -14,15 +14,15 @@ from piezo_opt.symbolic import softplus
 class SlewLimit(Effect):
     """Largest rate of the drive, entered through a share.
 
-        z' = e [softplus((w + f) / e) - softplus((w - rate) / e)] - f,   f = falling rate
+        z' = e [softplus((w + rate) / e) - softplus((w - rate) / e)] - rate
         w = u' + (u - z) / tau,   v = u + share (z - u),   e = softness rate
-        z' = e [softplus((w + f) / e) - softplus((w - rate) / e)] - f,   f = falling rate   behind
+        z' = e [softplus((w + rate) / e) - softplus((w - rate) / e)] - rate   behind
         w = (u - z) / tau,   v = u + share (z - u),   e = softness rate   behind
 
-    A current limit I on a capacitance C allows rate = I / C: z' is w, held between -f and rate by
-    softly rounded corners; falling is kept at 1 unless freed. Below the limit z follows u without
-    lag, because u' is fed forward; tau is the time in which it recovers after the limit. Behind,
-    tau is the lag of an amplifier's loop whose current is limited. softplus(a) = log(1 + exp(a)).
+    A current limit I on a capacitance C allows rate = I / C: z' is w, held between -rate and rate
+    by softly rounded corners. Below the limit z follows u without lag, because u' is fed forward;
+    tau is the time in which it recovers after the limit. Behind, tau is the lag of an amplifier's
+    loop whose current is limited. softplus(a) = log(1 + exp(a)).
 
     References: Fleming & Leang (2014), Design, Modeling and Control of Nanopositioning
     Systems, ch. 14 (electrical drive of capacitive loads); Khalil (2002), Nonlinear Systems,
@@ -49,21 +49,17 @@ class SlewLimit(Effect):
         "1", "width of the corners over the rate", nominal=0.2, bounds=(1e-3, 1.0),
         typical=(0.02, 0.3), fixed=True, detail=True,
     )  # fmt: skip
-    falling = Parameter(
-        "1", "largest rate downwards over that upwards", nominal=1.0, bounds=(0.25, 4.0),
-        typical=(0.5, 2.0), fixed=True, detail=True,
-    )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing drive and the rate-limited state."""
         u = chain.incoming
         wanted = (u.value - x.z) / p.tau
         wanted = wanted if self.behind else wanted + u.rate
-        corner, fall = p.softness * p.rate, p.falling * p.rate
-        below = softplus((wanted + fall) / corner)
+        corner = p.softness * p.rate
+        below = softplus((wanted + p.rate) / corner)
         above = softplus((wanted - p.rate) / corner)
         return Equations(
             gives=u.value + p.share * (x.z - u.value),
-            moves={"z": corner * (below - above) - fall},
+            moves={"z": corner * (below - above) - p.rate},
             starts={"z": u.value},
         )
