@@ -176,3 +176,18 @@ def test_bad_questions_are_refused() -> None:
         hidden_bench(["none"], 0)
     with pytest.raises(InputError, match="at least one"):
         hidden_bench([], 1)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "row"),
+    [
+        ("backlash", "dead_zone"),
+        ("sensor_curvature", "sensor_nonlinearity"),
+        ("thermal_expansion", "temperature"),
+    ],
+)
+def test_a_form_is_right_by_the_name_of_its_row(hidden: str, row: str) -> None:
+    told = Judged(hidden, (hidden,), 1, steps=(row,), groups=((row,),), verdict="missing")
+    assert told.group_right
+    assert told.right
+    assert not Judged(hidden, (hidden,), 1, steps=("creep",), groups=(("creep",),)).group_right

@@ -908,3 +908,33 @@ def test_what_holds_a_simpler_effect_is_one_where_it_leaves_but_noise(
     suspect: Any = SimpleNamespace(name="slew_limit")
     trial = Trial(richer, {}, suspect)
     assert (module._fitted(richer, trial, suspect) is not None) == taken
+
+
+@pytest.mark.parametrize(("caught", "asked"), [(1.02, ["mount"]), (1.2, [])])
+def test_whom_another_one_has_caught_up_with_is_compared_in_its_own_details(
+    caught: float, asked: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Alone near the noise it needs none, until one that began where it is has got its own."""
+
+    def rung(name: str, error: float) -> Any:
+        model = SimpleNamespace(quasi_static=False)
+        one = SimpleNamespace(rms=error, model=model, question=None)
+        return SimpleNamespace(fit=one, suspect=SimpleNamespace(name=name), delta_bic=1.0)
+
+    seen: list[str] = []
+
+    def shaped(_: Any, found: Any, __: int) -> Any:
+        seen.append(found.suspect.name)
+        return found
+
+    monkeypatch.setattr(module, "_explained", lambda _: True)
+    monkeypatch.setattr(module, "massless", lambda _: False)
+    monkeypatch.setattr(module, "_simpler", lambda one, other: one is not other)
+    monkeypatch.setattr(module, "_after", lambda *_: rung("friction", caught))
+    monkeypatch.setattr(module, "_founded", lambda _, found, __: found)
+    monkeypatch.setattr(module, "_shaped", shaped)
+    monkeypatch.setattr(module, "judged", lambda _, rungs: list(rungs))
+    below: Any = SimpleNamespace(rms=4.5)
+    found = contest(below, [rung("mount", 1.0), rung("friction", 1.3)], below)
+    assert seen == asked
+    assert len(found) == 3 + len(asked)

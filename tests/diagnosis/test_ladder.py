@@ -878,3 +878,14 @@ def test_what_was_scored_in_one_form_is_not_called_unscored() -> None:
     alone = climb(base, hold_out(base.question, None), offered[1:])
     (unscored,) = alone.unscored
     assert "depends on the velocity itself" in unscored.why
+
+
+def test_a_step_ends_in_the_form_that_the_ladder_ended_with(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What a user adds by `best()` is what was fitted, not what had been scored."""
+    monkeypatch.setattr(module, "with_statistics", lambda fit: fit)
+    top: Any = SimpleNamespace(model=STILL + Drift(wandering=True))
+    for name, form in (("drift", Drift(wandering=True)), ("creep", Drift())):
+        step = Step(name, Drift(), (name,), 1.0, 0.5, None, None, 1.0, 0.0, top)
+        assert module._as_it_ended(step, top).effect == form

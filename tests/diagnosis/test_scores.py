@@ -341,3 +341,11 @@ def test_what_the_record_lacks_is_said(still: BasePoint) -> None:
     assert [s.name for s in suspects] == ["drift"]
     assert {u.name: u.why for u in unscored}["temperature"].startswith("temperature needs")
     assert "quasi-static" in {u.name: u.why for u in unscored}["load"]
+
+
+def test_who_is_scored_in_one_form_is_not_said_to_be_left_out_in_another(still: BasePoint) -> None:
+    """And who is not in any is said so once."""
+    offered = [SecondMode(), SecondMode(attached=True), Friction(), Friction(smooth=True)]
+    suspects, unscored = score(still, offered)
+    assert [s.effect for s in suspects] == [SecondMode()]
+    assert [one.name for one in unscored] == ["friction"]

@@ -160,6 +160,17 @@ def test_an_amplifier_that_is_not_fed_forward_lags_a_ramp_by_its_time_constant()
     assert SlewLimit.entries() == (SlewLimit(),)
 
 
+def test_an_attached_mass_splits_the_resonance_as_two_masses_in_a_row_do() -> None:
+    model = PiezoGain() + SecondOrder() + SecondMode(attached=True)
+    omega, own, mass = 6e3, 9e3, 0.2
+    values = {"second_order.omega": omega, "second_order.zeta": 1e-9}
+    values |= {"second_mode.mass": mass, "second_mode.omega": own, "second_mode.zeta": 1e-4}
+    stiff = np.array([[omega**2 + mass * own**2, -mass * own**2], [-(own**2), own**2]])
+    expected = np.sqrt(np.sort(np.linalg.eigvals(stiff)))
+    found = np.sort(poles_at_rest(model, values).imag)[-2:]
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+
+
 def test_the_whole_port_is_the_lag_and_the_charge_that_comes_back() -> None:
     """Of the lagged command and the lagged velocity: kappa is the time constant times back."""
     tau, back = 4e-4, 2e6

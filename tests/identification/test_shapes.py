@@ -18,6 +18,7 @@ from piezo_opt.effects import (
     PiezoGain,
     Saturation,
     SecondMode,
+    SensorNonlinearity,
     SlewLimit,
 )
 from piezo_opt.effects.base import Parameter
@@ -231,3 +232,16 @@ def test_a_speed_starts_at_the_usual_one() -> None:
     detail = Parameter("m/s", "a speed", 1e-3, fixed=True, detail=True)
     usual = 3e-6 * 2.0 * np.pi * 2.0 / np.sqrt(2.0)
     assert detail_start(detail, sine) == pytest.approx(usual, rel=1e-3)
+
+
+def test_a_length_that_repeats_is_sought_along_the_reading() -> None:
+    """Fringes come twice a wavelength; where nothing repeats the nominal one is left."""
+    time = np.arange(4000) * 1e-3
+    position = 5e-6 * np.sin(3.0 * time)
+    wave = 2e-8 * np.sin(4.0 * np.pi * position / 9e-7)
+    fringed = po.Measurement(time, position / 1e-7, position + wave)
+    unknown = SensorNonlinearity(unknown=True)
+    found = {point["wavelength"] for point in shape_grid(unknown, fringed, wave)}
+    assert list(found) == [pytest.approx(9e-7, rel=5e-3)]
+    rest = {point["wavelength"] for point in shape_grid(unknown, fringed, 0.0 * wave)}
+    assert rest == {unknown.parameters["wavelength"].nominal}
