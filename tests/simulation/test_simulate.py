@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, final
@@ -362,3 +363,21 @@ def test_the_first_call_does_not_change_the_second() -> None:
         first = run.reading(values)
         run.with_sensitivities(values.with_({"bouc_wen.beta": 0.3}))
         np.testing.assert_allclose(run.reading(values), first, rtol=0, atol=1e-12 * np.ptp(first))
+
+
+@needs_compiler
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="SSE's own habit")
+def test_what_has_faded_away_is_zero_and_the_caller_keeps_his_smallest_numbers() -> None:
+    model = PiezoGain() + SensorLag()
+    start = f"initial.{assemble(model).state_names[0]}"
+    values = Values.nominal(model).with_({"sensor_lag.tau": 5e-6, "sensor_lag.share": 1.0})
+    record = Measurement(TIME, DRIVE, 1e-7 * DRIVE)
+    _, slope = Simulator(model, record, values, directions=(start,)).with_sensitivities(values)
+    assert slope[0, 0] == 1.0
+    # On its way to nothing it passes what no normal number holds.
+    ratio = np.abs(slope[:, 0])
+    assert ratio[60] > 0.0
+    assert ratio[-1] == 0.0
+    smallest = np.finfo(float).tiny
+    assert not ((ratio > 0.0) & (ratio < smallest)).any()
+    assert np.multiply(smallest, 0.25) > 0.0
