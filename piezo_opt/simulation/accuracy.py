@@ -156,10 +156,8 @@ def _rates(
         evaluate()
         return float(np.abs(np.linalg.eigvals(a)).max()) if np.isfinite(a).all() else 0.0
 
-    steep = np.abs(segment.slope)
-    half = steep.size // 2
     by_itself = by_drive = 0.0
-    for i in {int(steep.argmin()), int(np.argpartition(steep, half)[half]), int(steep.argmax())}:
+    for i in segment.by_slope:
         still = fastest(i, 0.0)
         by_itself = max(by_itself, still)
         slope = float(segment.slope[i])
@@ -184,7 +182,7 @@ def choose(
     segment: Segment,
     parameters: FloatArray,
     start: FloatArray,
-    simulate: Callable[[Substeps], FloatArray],
+    simulate: Callable[[Substeps, IntArray], FloatArray],
     tolerance: float,
     most: int = _MOST,
     exact: bool = False,
@@ -192,7 +190,7 @@ def choose(
     """Halve the sub-steps until the scheme's error is below the tolerance, or falls no more.
 
     Args:
-        simulate: the reading (N,) [m] for given sub-steps.
+        simulate: the reading (N,) [m] for given sub-steps, and their number in each segment.
         tolerance: admissible error as a share of the reading's range.
         most: sub-steps in the whole record beyond which the best so far is taken.
         exact: whether linear blocks are moved by their exponential.
@@ -202,23 +200,32 @@ def choose(
     """
     rate, by_drive = fastest_rates(system, segment, parameters, start, exact)
     within = longest(linear_part(system, exact), parameters)
-    moves = np.abs(segment.slope) * segment.length
+    moves = segment.moves
     swing = float(np.ptp(segment.drive)) or 1.0
     substeps = Substeps(
         min(float(segment.length.max()), within, 2.0 / rate if rate > 0 else np.inf),
         min(float(moves.max()) or swing, swing / 4.0, 2.0 / by_drive if by_drive > 0 else np.inf),
         exact=exact,
     )
-    first, before, stalled = substeps, np.inf, 0
+    known: dict[bytes, FloatArray] = {}
+
+    def reading(substeps: Substeps, cut: IntArray) -> FloatArray:
+        # Other lengths often come to the same numbers.
+        key = cut.tobytes()
+        if key not in known:
+            known[key] = simulate(substeps, cut)
+        return known[key]
+
+    cut = substeps.of(segment)
+    fewest, before, stalled = int(cut.sum(dtype=np.int64)), np.inf, 0
     best: Accuracy | None = None
     fine: FloatArray = np.zeros(1)
-    known: FloatArray | None = None
     while True:
-        count = substeps.count(segment)
+        count = int(cut.sum(dtype=np.int64))
         if count > most and best is not None:
             return best
-        if count > _MOST or (count > most and count > _TRIES * first.count(segment)):
-            if 2 * count > _TRIES * first.count(segment) and not _bounded(fine):
+        if count > _MOST or (count > most and count > _TRIES * fewest):
+            if 2 * count > _TRIES * fewest and not _bounded(fine):
                 raise ModelError(
                     "The simulation is not finite at these values, however small the sub-steps: "
                     "the model is unstable there; give other start values or tighter bounds."
@@ -228,9 +235,9 @@ def choose(
                 f"(fastest rate {rate:.3g} 1/s); raise the lower bound of its shortest time "
                 "constant or drop the mechanics, which the record cannot see."
             )
-        coarse = simulate(substeps) if known is None else known
-        fine = simulate(replace(substeps, times=2))
-        shorter, known = substeps.scaled(0.5, 0.5), None
+        coarse = reading(substeps, cut)
+        fine = reading(replace(substeps, times=2), 2 * cut)
+        shorter = substeps.scaled(0.5, 0.5)
         if _bounded(fine) and _bounded(coarse):
             change = _rms(fine - coarse)
             # How much a halving helps is measured, not assumed: corners lower the order.
@@ -248,12 +255,13 @@ def choose(
                 # What is not linear has corners that the drive crosses as it moves; between its
                 # moves there may be nothing left that asks for short sub-steps, or the reverse.
                 in_time = substeps.scaled(0.5, 1.0)
-                between = simulate(in_time)
+                between = reading(in_time, in_time.of(segment))
                 if _bounded(between) and _rms(between - coarse) <= _LITTLE * allowed:
                     shorter = substeps.scaled(1.0, 0.5)
                 elif _bounded(between) and _rms(fine - between) <= _LITTLE * allowed:
-                    shorter, known = in_time, between
+                    shorter = in_time
         substeps = shorter
+        cut = substeps.of(segment)
 
 
 def _rms(a: FloatArray) -> float:

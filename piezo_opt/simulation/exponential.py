@@ -296,11 +296,6 @@ def _of_two(matrix: ca.SX, h: ca.SX) -> Weights:
     )
 
 
-def few(lengths: FloatArray) -> bool:
-    """Whether there are so few lengths, as of an evenly sampled record, that all can be kept."""
-    return np.unique(lengths).size <= LENGTHS
-
-
 def longest(part: LinearPart, parameters: FloatArray) -> float:
     """The longest sub-step [s] over which the blocks are as good as exact."""
     if not part.blocks:

@@ -76,6 +76,18 @@ class Segment:
         return np.asarray(np.abs(self.slope) * self.length)
 
     @cached_property
+    def lengths(self) -> int:
+        """Number of different lengths."""
+        return int(np.unique(self.length).size)
+
+    @cached_property
+    def by_slope(self) -> tuple[int, ...]:
+        """Indices of a segment of the least, the median and the largest slope; each once."""
+        steep = np.abs(self.slope)
+        middle = int(np.argsort(steep, kind="stable")[steep.size // 2])
+        return tuple(dict.fromkeys((int(steep.argmin()), middle, int(steep.argmax()))))
+
+    @cached_property
     def even(self) -> Segment:
         """Lengths without the rounding of time stamps, so that equal ones are the same number.
 

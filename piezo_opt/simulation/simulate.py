@@ -18,7 +18,7 @@ from piezo_opt.errors import InputError, ModelError
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation.accuracy import Accuracy, Substeps, choose
 from piezo_opt.simulation.engine import Ceiling, Engine, Run, engine
-from piezo_opt.simulation.exponential import few, linear_part
+from piezo_opt.simulation.exponential import LENGTHS, linear_part
 from piezo_opt.simulation.schedule import Drive, Segment, corners, led_in, segments
 from piezo_opt.simulation.scheme import INITIAL
 from piezo_opt.values import Values
@@ -172,8 +172,8 @@ class Simulator:
         segment, p = self.segment(values), self._parameters(values)
         start, _ = self._plain.start(segment, p, self._deviation(values))
 
-        def simulate(substeps: Substeps) -> FloatArray:
-            return self._run(values, substeps).reading
+        def simulate(substeps: Substeps, cut: IntArray) -> FloatArray:
+            return self._run(values, substeps, cut=cut).reading
 
         limit = {} if most is None else {"most": most}
         return choose(
@@ -240,20 +240,21 @@ class Simulator:
     def _run(
         self,
         values: Mapping[str, float],
-        cut: Substeps,
+        substeps: Substeps,
         *,
+        cut: IntArray | None = None,
         states: bool = False,
         most: float | None = None,
     ) -> Run:
         segment, p = self.segment(values), self._parameters(values)
         if self.initial is Initial.PERIODIC:
-            start = self._periodic(p, cut)
+            start = self._periodic(p, substeps)
         else:
             start, _ = self._plain.start(segment, p, self._deviation(values))
         nothing = np.zeros((start.size, 0))
-        substeps = self._cut(segment, cut)
+        cut = self._cut(segment, substeps) if cut is None else cut
         return self._plain.run(
-            segment, substeps, p, start, nothing, states=states, ceiling=self._ceiling(most)
+            segment, cut, p, start, nothing, states=states, ceiling=self._ceiling(most)
         )
 
     def _ceiling(self, most: float | None) -> Ceiling | None:
@@ -285,7 +286,7 @@ class Simulator:
         What moves by an exponential asks for a new one whenever a sub-step has another length.
         """
         blocks = linear_part(self.system, exact=True).blocks
-        return len(blocks) > 0 and few(self._drive.sampled.even.length)
+        return len(blocks) > 0 and self._drive.sampled.even.lengths <= LENGTHS
 
     def _timed(self, segment: Segment) -> Segment:
         """A time axis as this scheme goes along it."""

@@ -193,14 +193,32 @@ def test_halving_stops_where_it_helps_no_more() -> None:
     rng = np.random.default_rng(0)
     calls: list[Substeps] = []
 
-    def noisy(cut: Substeps) -> FloatArray:
-        calls.append(cut)
+    def noisy(substeps: Substeps, _: NDArray[np.int32]) -> FloatArray:
+        calls.append(substeps)
         return np.sin(np.arange(300)) + 1e-3 * rng.standard_normal(300)
 
     parameters = np.array([values[n] for n in run.system.parameter_names])
     found = choose(run.system, segment, parameters, np.zeros(3), noisy, 1e-9)
     assert len(calls) < 20
     assert 1e-3 < found.error < 4e-3
+
+
+def test_nothing_is_simulated_twice_while_sub_steps_are_chosen() -> None:
+    values = Values.nominal(BASE)
+    run = Simulator(BASE, record(0, Between.LINEAR), values)
+    asked: list[bytes] = []
+
+    def slowly(substeps: Substeps, cut: NDArray[np.int32]) -> FloatArray:
+        asked.append(cut.tobytes())
+        assert cut.tolist() == substeps.of(run.segment(values)).tolist()
+        return np.asarray(np.sin(np.arange(300)) * (1.0 + 1.0 / cut.mean() ** 2))
+
+    parameters = np.array([values[n] for n in run.system.parameter_names])
+    found = choose(run.system, run.segment(values), parameters, np.zeros(3), slowly, 1e-3)
+    assert len(asked) == len(set(asked)) > 3
+    # 1 / n^2 against 1 / (2 n)^2, and a third of that more to the end.
+    n = found.per_sample
+    assert found.error == pytest.approx(np.sqrt(0.5) / n**2, rel=0.02)
 
 
 def test_a_reading_that_ran_away_is_infinitely_far_without_a_warning() -> None:

@@ -115,6 +115,10 @@ def test_the_segments_of_a_held_drive_cut_flats_coarsely_and_steps_finely() -> N
     cut = run.accuracy.substeps.of(segment)
     steps = segment.slope != 0.0
     assert steps.sum() == 9
+    # Looked at are flats, as the least and as the median slope, and a step.
+    assert steps[list(segment.by_slope)].tolist() == [False, False, True]
+    # None, a sample, and one that is parted into step and flat; rounded stamps have more.
+    assert segment.even.lengths == 4 < segment.lengths
     assert cut[~steps].max() <= 2
     assert cut[steps].min() >= 4
 
