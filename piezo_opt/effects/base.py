@@ -18,6 +18,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
+from functools import cache, cached_property
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, final
 
@@ -339,9 +340,9 @@ class Effect(ABC):
     @property
     def name(self) -> str:
         """The snake_case name that commands, JSON and tables use."""
-        return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", type(self).__name__).lower()
+        return _snake_case(type(self).__name__)
 
-    @property
+    @cached_property
     def parameters(self) -> Mapping[str, Parameter]:
         """Declared parameters of this form by name, in the order written."""
         return {
@@ -362,7 +363,7 @@ class Effect(ABC):
             parameter = replace(parameter, nominal=getattr(self, parameter.given))
         return parameter
 
-    @property
+    @cached_property
     def states(self) -> Mapping[str, int]:
         """Number of elements of each declared state, by name, in the order written."""
         return {
@@ -370,7 +371,7 @@ class Effect(ABC):
             for name, s in self.declared_states.items()
         }
 
-    @property
+    @cached_property
     def declared_states(self) -> Mapping[str, State]:
         """Declarations of this form's states by name."""
         return {
@@ -443,6 +444,11 @@ class Effect(ABC):
         from piezo_opt.effects.model import Model
 
         return Model.of(self) + other
+
+
+@cache
+def _snake_case(name: str) -> str:
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 
 
 def _names(options: str | tuple[str, ...]) -> tuple[str, ...]:

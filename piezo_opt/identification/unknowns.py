@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -53,30 +54,32 @@ class Unknowns:
     kept: Values
     records: int
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Full names in order."""
         return tuple(u.name for u in self.members)
 
-    @property
+    @cached_property
     def scale(self) -> FloatArray:
         """Sizes in order."""
-        return np.array([u.scale for u in self.members])
+        return _kept([u.scale for u in self.members])
 
-    @property
+    @cached_property
     def low(self) -> FloatArray:
         """Lower bounds in order."""
-        return np.array([u.low for u in self.members])
+        return _kept([u.low for u in self.members])
 
-    @property
+    @cached_property
     def high(self) -> FloatArray:
         """Upper bounds in order."""
-        return np.array([u.high for u in self.members])
+        return _kept([u.high for u in self.members])
 
-    @property
+    @cached_property
     def relative(self) -> NDArray[np.bool_]:
         """Which change in proportion."""
-        return np.array([u.relative for u in self.members], dtype=bool)
+        relative = np.array([u.relative for u in self.members], dtype=bool)
+        relative.flags.writeable = False
+        return relative
 
     def values(self, theta: FloatArray) -> Values:
         """All values with these estimates."""
@@ -84,11 +87,16 @@ class Unknowns:
 
     def of_record(self, index: int, theta: FloatArray) -> dict[str, float]:
         """What the simulator of one record needs."""
-        numbers = dict(self.kept.of_record(index))
+        numbers = dict(self._kept_of_records[index])
         for unknown, number in zip(self.members, theta.tolist(), strict=True):
             if unknown.record is None or unknown.record == index:
                 numbers[unknown.local] = number
         return numbers
+
+    @cached_property
+    def _kept_of_records(self) -> tuple[Values, ...]:
+        """What is kept, as each record's simulator needs it: asked for at every simulation."""
+        return tuple(self.kept.of_record(index) for index in range(self.records))
 
     def columns(self, index: int) -> list[int]:
         """Positions of the unknowns that one record depends on."""
@@ -97,6 +105,13 @@ class Unknowns:
     def clip(self, theta: FloatArray) -> FloatArray:
         """The nearest point within the bounds."""
         return np.clip(theta, self.low, self.high)
+
+
+def _kept(numbers: list[float]) -> FloatArray:
+    """A vector that is told many times, and by nobody changed."""
+    vector = np.array(numbers, dtype=float)
+    vector.flags.writeable = False
+    return vector
 
 
 _IN_PROPORTION = ("rad/s", "1/s^2", "m/s^2")

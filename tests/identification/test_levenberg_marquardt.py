@@ -16,6 +16,7 @@ from piezo_opt.identification import Ending, too_coarse
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Linearised, Objective
 from piezo_opt.identification.problem import Shape
+from piezo_opt.identification.solvers import levenberg_marquardt as solver_module
 from piezo_opt.identification.solvers.base import Solution
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
 from piezo_opt.identification.transcription import SingleShooting
@@ -488,3 +489,14 @@ def test_what_is_given_up_changes_no_step(monkeypatch: pytest.MonkeyPatch) -> No
     np.testing.assert_array_equal(short[0], long[0])
     np.testing.assert_array_equal(short[1], long[1])
     assert sum(given_up) >= 3
+
+
+def test_a_step_is_found_where_rounding_has_taken_the_normal_matrix_its_definiteness() -> None:
+    off = 1.0 + 4.0 * np.finfo(float).eps
+    normal = np.array([[1.0, off, 0.0], [off, 1.0, 0.0], [0.0, 0.0, 4.0]])
+    gradient, weight = np.array([-1.0, -1.0, 4.0]), np.array([1.0, 1.0, 4.0])
+    reach = np.full(3, -10.0), np.full(3, 10.0)
+    step = solver_module._step(normal, gradient, weight, 0.0, np.arange(3), reach)
+    # Either of the two alone would do, or both by halves; the third has its own minimum.
+    assert step[0] + step[1] == pytest.approx(1.0)
+    assert step[2] == pytest.approx(-1.0)

@@ -7,6 +7,7 @@ from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.outcome import Ending
@@ -204,9 +205,12 @@ def _step(
     while free.size:
         size = np.sqrt(weight[free])
         pulled = gradient[free] + normal[free] @ step
-        system = normal[np.ix_(free, free)] / np.outer(size, size)
-        system[np.diag_indices_from(system)] += damping
-        step[free] = np.linalg.solve(system, -pulled / size) / size
+        system = normal[free[:, None], free] / (size[:, None] * size)
+        system.flat[:: free.size + 1] += damping
+        _, found, failed = lapack.dposv(system, -pulled / size)
+        if failed:  # so nearly dependent that rounding has taken its definiteness
+            found = np.linalg.solve(system, -pulled / size)
+        step[free] = found / size
         way = np.where(step[free] < 0, reach[0][free], reach[1][free])
         beyond = np.abs(step[free]) > np.abs(way)
         if not beyond.any():
