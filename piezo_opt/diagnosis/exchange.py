@@ -231,14 +231,18 @@ def _in_shape(seen: _Seen, threads: int) -> _Seen:
     for rung in seen.ranked:
         if rung.suspect is not None and rung.fit.rms < _NEAR * seen.ranked[0].fit.rms:
             names.setdefault(rung.suspect.name, rung)
-    shaped = []
-    for name, rung in list(names.items())[:_MOST]:
+
+    def shaped(name: str) -> list[Rung]:
+        rung = names[name]
         own = [
             replace(trial, suspect=rung.suspect) for trial in shape_refinements(rung.fit)
             if all(k.split(".")[0] == name for k in trial.refines)
         ]  # fmt: skip
-        shaped += race(seen.poorer, own, threads)
-    more = [rung for rung in shaped if plausible(rung)]
+        return race(seen.poorer, own, threads)
+
+    with ThreadPoolExecutor(max_workers=threads) as pool:
+        found = [rung for rungs in pool.map(shaped, list(names)[:_MOST]) for rung in rungs]
+    more = [rung for rung in found if plausible(rung)]
     return replace(seen, ranked=judged(seen.poorer, [*seen.ranked, *more]), shaped=True)
 
 

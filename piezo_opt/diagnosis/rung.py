@@ -141,9 +141,13 @@ def solved(
 
 
 def finely(fit: Fit) -> Fit:
-    """A fit on sub-steps fine enough to estimate by; itself where that cannot be had."""
+    """A fit on sub-steps fine enough to estimate by; itself where that cannot be had.
+
+    What the scheme's error has shifted a few steps bring back.
+    """
+    solver = LevenbergMarquardt(iterations=_FIRST, tolerance=_CLOSE)
     try:
-        return _heeding(solve(fit.question, start=fit.values, statistics=False))
+        return _heeding(solve(fit.question, start=fit.values, solver=solver, statistics=False))
     except NO_FIT:
         return fit
 

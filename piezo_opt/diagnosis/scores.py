@@ -26,12 +26,13 @@ from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from piezo_opt.diagnosis.base_point import BasePoint, Direction
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit
+from piezo_opt.identification.tall import gram
 
 FloatArray = NDArray[np.float64]
 
@@ -139,16 +140,17 @@ def score(
     for b in best:
         length = float(np.linalg.norm(b.direction.projected))
         units.append(b.direction.projected / length if length > 0 else b.direction.projected)
+    names = [b.effect.name for b in best]
+    cosines = np.abs(gram(np.column_stack(units))).tolist() if units else []
     suspects = []
     for i, b in enumerate(best):
         whole = float(np.linalg.norm(b.direction.whole))
         visibility = float(np.linalg.norm(b.direction.projected)) / whole if whole > 0 else 0.0
         closest: dict[str, float] = {}
-        for other, unit in zip(best, units, strict=True):
+        for name, cosine in zip(names, cosines[i], strict=True):
             # Of several forms of an effect the one that is more alike.
-            cosine = float(abs(units[i] @ unit))
-            closest[other.effect.name] = max(cosine, closest.get(other.effect.name, 0.0))
-        del closest[b.effect.name]
+            closest[name] = max(cosine, closest.get(name, 0.0))
+        del closest[names[i]]
         overlaps = sorted(closest.items(), key=lambda pair: -pair[1])
         gain = 0.0 if b.wrong_side else b.gain
         p = b.chance * b.looks * searched
@@ -156,7 +158,7 @@ def score(
         suspects.append(
             Suspect(
                 effect=b.effect,
-                name=b.effect.name,
+                name=names[i],
                 score=gain / own if own > 0 else 0.0,
                 predicted_rms=float(np.sqrt(max(0.0, own - gain) / point.samples)),
                 visibility=visibility,
@@ -238,7 +240,12 @@ def wald(column: FloatArray, r: FloatArray, *, dense: bool = False) -> float:
         return 0.0
     along = float(column @ r)
     left = r - column * (along / power)
-    lags = memory(left)
+    return _wald(column, left, along, memory(left), dense=dense)
+
+
+def _wald(column: FloatArray, left: FloatArray, along: float, lags: int, *, dense: bool) -> float:
+    """The same of a column whose share has been taken from the residual."""
+    power = float(column @ column)
     terms = column * left
     white = float(np.mean(left**2)) * power
     own = terms.size * long_run_variance(terms, lags)
@@ -264,9 +271,12 @@ def chance(column: FloatArray, r: FloatArray, *, dense: bool = False) -> float:
     power = float(column @ column)
     if power == 0.0:
         return 1.0
-    left = r - column * (float(column @ r) / power)
-    degrees = max(1.0, 3.0 * r.size / (memory(left) + 1.0))
-    return float(2.0 * stats.t.sf(np.sqrt(wald(column, r, dense=dense)), degrees))
+    along = float(column @ r)
+    left = r - column * (along / power)
+    lags = memory(left)
+    degrees = max(1.0, 3.0 * r.size / (lags + 1.0))
+    score = np.sqrt(_wald(column, left, along, lags, dense=dense))
+    return float(2.0 * special.stdtr(degrees, -score))
 
 
 def _lagged(x: FloatArray, lags: int) -> FloatArray:
