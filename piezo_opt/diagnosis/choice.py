@@ -21,7 +21,7 @@ from piezo_opt.diagnosis.refinements import (
 )
 from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, Trial, adding, finely, race
 from piezo_opt.diagnosis.scores import Suspect, effective_samples
-from piezo_opt.diagnosis.shortlist import entrants, further, scored, shortlist
+from piezo_opt.diagnosis.shortlist import entrants, further, jointly, scored, shortlist
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.identification import Fit
 
@@ -159,6 +159,9 @@ def refits_afresh(
     """
     tell("refitting with every effect from a fresh start")
     trials, begun = entrants(fit, held.question, suspects, threads, known)
+    # Whoever has begun at the best one-step size may have ended where loop and effect imitate each
+    # other: a limit that the drive meets at its peaks alone begins as one at a tenth of them.
+    trials += jointly(fit, held.question, suspects, threads)
     return _contested(fit, race(fit, trials, threads, begun=begun), held, threads, first=True)
 
 

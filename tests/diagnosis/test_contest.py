@@ -30,7 +30,7 @@ from piezo_opt.diagnosis.refinements import (
 )
 from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, adding, bic_gain, race, solved
 from piezo_opt.diagnosis.scores import effective_samples, score
-from piezo_opt.diagnosis.shortlist import entrants, scored
+from piezo_opt.diagnosis.shortlist import entrants, jointly, scored
 from piezo_opt.effects import (
     AmplifierLag,
     Asymmetry,
@@ -470,6 +470,24 @@ def test_everybody_enters_beside_a_base_that_has_forgotten() -> None:
         assert not trial.question.fixed
     (single,) = (t for t in trials if t.suspect and t.suspect.effect == Creep(elements=1))
     assert solved(single.question, single.start).rms == pytest.approx(NOISE, rel=0.05)
+
+
+def test_a_limit_that_is_met_at_the_peaks_alone_begins_as_one_where_widths_are_searched() -> None:
+    """The best one-step size beside the loop as it begins is a tenth of a limit at a lower knee."""
+    time = clock(2000)
+    swept = np.cos(2.0 * np.pi * (time + 4.75 * time**2))
+    drive = (30.0 - 30.0 * swept) * np.interp(time, [0.0, 1.0, 2.0], [0.8, 1.0, 0.85])
+    limit = Saturation(), {"s": 1.0, "v_s": 57.0, "softness": 0.004}
+    fit = fitted(MOVING, measured(MOVING, time, drive, limit))
+    suspects, _ = scored(fit, [Saturation()], 1)
+    foot = po.Identification(MOVING, fit.records[0])
+    (entrant,), _ = entrants(fit, foot, suspects, 1)
+    (joint,) = jointly(fit, foot, suspects, 1)
+    assert joint.suspect is suspects[0]
+    assert joint.question.model == entrant.question.model
+    assert entrant.start["saturation.s"] < 0.3
+    assert joint.start["saturation.s"] > 0.9
+    assert joint.start["saturation.v_s"] == pytest.approx(57.0, rel=0.1)
 
 
 def test_who_began_at_the_foot_is_not_begun_again_beside_a_detail_of_it() -> None:
