@@ -125,7 +125,7 @@ def jointly(
 ) -> list[Trial]:
     """Every suspect from where its shapes and the width of the loop have been searched together.
 
-    That takes some ten times as long as the start of an entrant.
+    That takes some six times as long as the start of an entrant.
 
     Args:
         fit: the fit below.

@@ -67,7 +67,8 @@ class Substeps:
         if self.farthest < np.inf:
             most = np.maximum(most, segment.travel / self.farthest)
         # The slack keeps rounding of time stamps from adding a sub-step here and there.
-        wanted = self.times * np.maximum(1.0, np.ceil(most - 1e-6))
+        wanted = np.maximum(1.0, np.ceil(most - 1e-6))
+        wanted[segment.length > 0.0] *= self.times  # what takes no time cannot be cut
         return np.asarray(np.minimum(wanted, np.iinfo(np.int32).max), dtype=np.int32)
 
     def scaled(self, time: float, move: float) -> Substeps:
@@ -208,12 +209,13 @@ def choose(
         exact=exact,
     )
     known: dict[bytes, FloatArray] = {}
+    last: dict[bytes, FloatArray] = {}
 
     def reading(substeps: Substeps, cut: IntArray) -> FloatArray:
         # Other lengths often come to the same numbers.
         key = cut.tobytes()
         if key not in known:
-            known[key] = simulate(substeps, cut)
+            known[key] = last[key] if key in last else simulate(substeps, cut)
         return known[key]
 
     cut = substeps.of(segment)
@@ -235,8 +237,10 @@ def choose(
                 f"(fastest rate {rate:.3g} 1/s); raise the lower bound of its shortest time "
                 "constant or drop the mechanics, which the record cannot see."
             )
+        last, known = known, {}  # a long record's readings of every round would fill memory
         coarse = reading(substeps, cut)
-        fine = reading(replace(substeps, times=2), 2 * cut)
+        halved = replace(substeps, times=2)
+        fine = reading(halved, halved.of(segment))
         shorter = substeps.scaled(0.5, 0.5)
         if _bounded(fine) and _bounded(coarse):
             change = _rms(fine - coarse)
