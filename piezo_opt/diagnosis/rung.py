@@ -42,7 +42,7 @@ _OUTSIDE = 2.0
 decided which are worth following; and over the best one's up to which one that has not is."""
 _HOPELESS = 4.0
 """Error over that of a rival from an earlier race, or of what stands, beyond which nobody is
-followed."""
+followed, and whoever has slowed down is given up before that is decided."""
 _REACH = 1.2
 """Error over that of what stands beyond which one that is followed is given up once it has slowed
 down: not even in a group with it."""
@@ -191,10 +191,11 @@ def race(
         hope: rms [m] beyond which a refit is of no use: once it has slowed down it is given up.
     """
     there = float("inf") if standing is None else standing.rms
+    hopeless = _HOPELESS * min([r.fit.rms for r in rivals] + [there])
 
     def one(trial: Trial) -> Rung | None:
         try:
-            beyond = min(_OUTSIDE * there, hope)
+            beyond = min(_OUTSIDE * there, hopeless, hope)
             richer = solved(trial.question, trial.start, _FIRST, beyond, mend=False)
             if not np.isfinite(richer.rms):
                 richer = solved(trial.question, trial.start, _FIRST, beyond)
@@ -220,7 +221,6 @@ def race(
         ranked = sorted(r.fit.rms for r in rungs)
         near = min(_RACE * ranked[0], ranked[:most][-1])
         last = ranked[:podium][-1]
-        hopeless = _HOPELESS * min([r.fit.rms for r in rivals] + [there])
         # More detail of what the model has comes before another name: it is followed unless it
         # has lost what it began with.
         detail = _BEHIND * fit.rms if most is None else 0.0

@@ -132,6 +132,10 @@ def test_who_is_to_reach_what_stands_is_given_up_far_from_it(
     race(BELOW, trials, 1)
     free = float("inf")
     assert asked == [(rung._FIRST, free)] * 2 + [(rung._LATER, free)] * 2
+    # Four times what a rival of before leaves is as far as nobody is followed from.
+    asked.clear()
+    race(BELOW, trials, 1, rivals=[Rung(entering(1.0), ending(1.0), 0.0)])
+    assert asked == [(rung._FIRST, 4.0)] * 2 + [(rung._LATER, free)]
 
 
 def test_who_is_given_up_beyond_an_error_is_not_mended_beyond_it(
