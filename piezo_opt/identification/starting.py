@@ -536,6 +536,8 @@ def _scan_gate(
     best_cost, best = search.trial(begin, (gate,))
     for shapes in shape_grid(model[effect], record, residual, settled):
         trial = {**begin, **{f"{effect}.{k}": v for k, v in shapes.items()}}
+        if trial == begin:  # what has no shapes is tried already, and so are the nominal ones
+            continue
         cost, found = search.trial(trial, (gate,), best_cost)
         if cost < best_cost:
             best_cost, best = cost, found

@@ -11,6 +11,7 @@ import piezo_opt as po
 from piezo_opt.effects import (
     ChargeBackCoupling,
     Creep,
+    CubicStiffness,
     DeadZone,
     Effect,
     Friction,
@@ -210,6 +211,15 @@ def test_what_is_known_of_the_base_is_not_searched_again() -> None:
     whole = starting_values(question, alone)
     assert starting_values(question, beside, base) == whole
     assert beside.evaluations.with_sensitivities < 0.6 * alone.evaluations.with_sensitivities
+
+
+def test_an_effect_without_shapes_is_tried_once() -> None:
+    measured, _ = ringing(60.0)
+    question = po.Identification(MOVING + CubicStiffness(), measured, start=po.Start.REST)
+    base = starting_values(question.with_model(MOVING), Monitor(()))
+    monitor = Monitor(())
+    starting_values(question, monitor, base)
+    assert monitor.evaluations.with_sensitivities == 1
 
 
 def test_a_second_mode_is_found_by_what_the_first_leaves_over() -> None:
