@@ -26,7 +26,7 @@ from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import fft, special
 
 from piezo_opt.diagnosis.base_point import BasePoint, Direction
 from piezo_opt.effects.base import Effect, Place
@@ -280,9 +280,12 @@ def chance(column: FloatArray, r: FloatArray, *, dense: bool = False) -> float:
 
 
 def _lagged(x: FloatArray, lags: int) -> FloatArray:
-    """sum_t x_t x_(t+k) for k = 0..lags."""
-    spectrum = np.abs(np.fft.rfft(x, 1 << int(np.ceil(np.log2(2 * x.size))))) ** 2
-    return np.asarray(np.fft.irfft(spectrum)[: lags + 1])
+    """sum_t x_t x_(t+k) for k = 0..lags < N."""
+    # Zeros behind it keep so many lags from meeting its beginning.
+    size = fft.next_fast_len(x.size + lags, real=True)
+    spectrum = fft.rfft(x, size)
+    power = spectrum.real**2 + spectrum.imag**2
+    return np.asarray(fft.irfft(power, size)[: lags + 1])
 
 
 def long_run_variance(terms: FloatArray, lags: int | None = None) -> float:
@@ -313,9 +316,7 @@ def autocorrelation(r: FloatArray) -> FloatArray:
     n = r.size
     if n < 8:
         return np.zeros(0)
-    centred = r - r.mean()
-    spectrum = np.abs(np.fft.rfft(centred, 1 << int(np.ceil(np.log2(2 * n))))) ** 2
-    rho = np.fft.irfft(spectrum)[: n // 4]
+    rho = _lagged(r - r.mean(), n // 4 - 1)
     return np.asarray(rho / rho[0]) if rho[0] > 0 else np.zeros(0)
 
 

@@ -62,14 +62,17 @@ class Substeps:
 
     def of(self, segment: Segment) -> IntArray:
         """Number of sub-steps of each segment, at least one."""
-        by_time, by_move = segment.length / self.longest, segment.moves / self.largest_move
-        most = np.maximum(by_time, by_move)
+        most = segment.length / self.longest
+        np.maximum(most, segment.moves / self.largest_move, out=most)
         if self.farthest < np.inf:
-            most = np.maximum(most, segment.travel / self.farthest)
+            np.maximum(most, segment.travel / self.farthest, out=most)
         # The slack keeps rounding of time stamps from adding a sub-step here and there.
-        wanted = np.maximum(1.0, np.ceil(most - 1e-6))
-        wanted[segment.length > 0.0] *= self.times  # what takes no time cannot be cut
-        return np.asarray(np.minimum(wanted, np.iinfo(np.int32).max), dtype=np.int32)
+        most -= 1e-6
+        np.ceil(most, out=most)
+        np.maximum(most, 1.0, out=most)
+        if self.times > 1:
+            most[segment.length > 0.0] *= self.times  # what takes no time cannot be cut
+        return np.minimum(most, np.iinfo(np.int32).max, out=most).astype(np.int32)
 
     def scaled(self, time: float, move: float) -> Substeps:
         """Sub-steps of another length in time, and along the drive."""
