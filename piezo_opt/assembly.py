@@ -205,7 +205,7 @@ class _Assembler:
         return said.gives
 
     def _column(self, state: str, expression: Expression) -> ca.SX:
-        column = ca.SX(expression)
+        column = _written(expression)
         wanted = self.x[state].numel()
         if column.numel() == 1 and wanted > 1:
             return ca.repmat(column, wanted, 1)
@@ -218,7 +218,7 @@ class _Assembler:
     def _line(self, place: Place, value: Expression, rate: Expression) -> Expression:
         signal = Signal(value, rate)
         for index, (name, _) in enumerate(self.model.at(place)):
-            value = ca.SX(self._ask(name, signal))
+            value = _written(self._ask(name, signal))
             outgoing_rate = ca.SX.sym(f"rate_{place.name}_{index}")
             self.incoming_rates.append((outgoing_rate, value))
             signal = Signal(value, outgoing_rate)
@@ -279,7 +279,7 @@ class _Assembler:
         resolve_rates = _in_order(rates)
 
         def resolve(expression: Expression) -> Expression:
-            return resolve_rates(resolve_values(ca.SX(expression)))
+            return resolve_rates(resolve_values(_written(expression)))
 
         x = ca.vertcat(*self.x.values()) if self.x else ca.SX(0, 1)
         c = ca.vertcat(*(s.value for s in self.channels.values())) if self.channels else ca.SX(0, 1)
@@ -337,7 +337,7 @@ class _Assembler:
             rates.append(signal.rate)
 
         def rate(value: Expression) -> Expression:
-            return ca.jtimes(resolve(ca.SX(value)), ca.vertcat(*arguments), ca.vertcat(*rates))
+            return ca.jtimes(resolve(_written(value)), ca.vertcat(*arguments), ca.vertcat(*rates))
 
         return rate
 
@@ -346,8 +346,8 @@ class _Assembler:
 
         Forces are small beside the spring: three steps reach rounding.
         """
-        symbol, at = self.x[position], ca.SX(self.starts[position])
-        step = motion / ca.jacobian(ca.SX(motion), symbol)
+        symbol, at = self.x[position], _written(self.starts[position])
+        step = motion / ca.jacobian(_written(motion), symbol)
         for _ in range(3):
             at = at - ca.substitute(step, symbol, at)
         return at
@@ -363,7 +363,7 @@ class _Assembler:
             drift: derivative of the balance by time, in terms of the states' rates.
         """
         moves = [self.moves.get(n, ca.SX.zeros(s.numel(), 1)) for n, s in self.dx.items()]
-        rate = ca.substitute([ca.SX(drift)], [*self.dx.values()], [*map(ca.SX, moves)])[0]
+        rate = ca.substitute([_written(drift)], [*self.dx.values()], [*map(_written, moves)])[0]
         slope = ca.jacobian(rate, self.velocity)
         still = ca.substitute(rate, self.velocity, ca.SX(0.0))
         at = -still / ca.substitute(slope, self.velocity, ca.sign(still))
@@ -381,7 +381,7 @@ class _Assembler:
         offset = 0
         for name, symbol in self.x.items():
             size = symbol.numel()
-            start = ca.SX(self.starts.get(name, ca.SX.zeros(size, 1)))
+            start = _written(self.starts.get(name, ca.SX.zeros(size, 1)))
             value = resolve(start) + deviation[offset : offset + size]
             definitions[f"start of {name}"] = (symbol, value)
             offset += size
@@ -400,6 +400,11 @@ class _Assembler:
         return ca.Function("po_start", [self.time, self.command.value, c, p, deviation], [at_rest])
 
 
+def _written(value: Expression) -> ca.SX:
+    """A value as an expression; one that is an expression is not copied, which takes far longer."""
+    return value if isinstance(value, ca.SX) else ca.SX(value)
+
+
 def _signal(name: str) -> Signal:
     return Signal(ca.SX.sym(name), ca.SX.sym(f"rate_of_{name}"))
 
@@ -413,10 +418,12 @@ def _in_order(
         for label, (symbol, _) in definitions.items()
         for element in ca.symvar(symbol)
     }
-    needs = {
-        label: [owners[e.__hash__()] for e in ca.symvar(ca.SX(value)) if e.__hash__() in owners]
-        for label, (_, value) in definitions.items()
-    }
+
+    def needed(expression: Expression) -> list[str]:
+        found = (owners.get(e.__hash__()) for e in ca.symvar(expression))
+        return list(dict.fromkeys(label for label in found if label is not None))
+
+    needs = {label: needed(_written(value)) for label, (_, value) in definitions.items()}
     order: list[str] = []
     visiting: list[str] = []
 
@@ -437,19 +444,19 @@ def _in_order(
 
     for label in definitions:
         visit(label)
-    known: list[Any] = []
-    closed: list[Any] = []
+    closed: dict[str, Any] = {}
+
+    def closing(expression: Expression, needs: Sequence[str]) -> Expression:
+        if not needs:
+            return expression
+        symbols = [definitions[label][0] for label in needs]
+        return ca.substitute([expression], symbols, [closed[label] for label in needs])[0]
+
     for label in order:
-        symbol, value = definitions[label]
-        expression = ca.SX(value)
-        if known:
-            expression = ca.substitute([expression], known, closed)[0]
-        known.append(symbol)
-        closed.append(ca.densify(expression))
+        closed[label] = ca.densify(closing(_written(definitions[label][1]), needs[label]))
 
     def resolve(expression: Expression) -> Expression:
-        if not known:
-            return expression
-        return ca.substitute([ca.SX(expression)], known, closed)[0]
+        value = _written(expression)
+        return closing(value, needed(value))
 
     return resolve

@@ -175,10 +175,8 @@ def _rates(
 def _jacobian(system: System, exact: bool) -> ca.Function:
     """``(t, x, u, du, c, dc, p) -> dx'/dx``, without the linear blocks if those are exact."""
     rate = linear_part(system, exact).rest
-    given, moved = rate.name_in(), rate.name_out(0)
-    sparse = rate.factory("linear", given, [f"jac:{moved}:{given[1]}"])
-    symbols = sparse.mx_in()
-    return ca.Function("dense", symbols, [ca.densify(sparse(*symbols))])
+    given = rate.sx_in()
+    return ca.Function("dense", given, [ca.densify(ca.jacobian(rate(*given), given[1]))])
 
 
 def choose(

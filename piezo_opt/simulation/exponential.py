@@ -17,7 +17,7 @@ and doubling: Higham (2008), Functions of Matrices, ch. 10.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
@@ -100,39 +100,50 @@ def linear_part(system: System, exact: bool) -> LinearPart:
     x, p = given[1], given[-1]
     moving = ca.vertcat(*given[:-1])
     n = x.numel()
-    rows = ca.vertsplit(rate(*given))
+    states = ca.vertsplit(x)
+    rest = ca.densify(rate(*given))
+    rows = ca.vertsplit(rest)
     pattern = np.zeros((n, n), dtype=bool)
-    for i, row in enumerate(rows):
-        pattern[i, list(_split(row, x, moving, range(n))[0])] = True
-    blocks = _blocks(pattern) if exact else ()
-    mates = {i: block for block in blocks for i in block}
-    matrix, rest = ca.SX(n, n), ca.SX(n, 1)
-    for i, row in enumerate(rows):
-        slopes, rest[i] = _split(row, x, moving, mates.get(i, ()))
-        for j, slope in slopes.items():
-            matrix[i, j] = slope
-    free = [rest[i] for i in range(n) if i not in mates]
-    heard = [any(ca.depends_on(one, x[j]) for one in free for j in block) for block in blocks]
+    for i, row in enumerate(rows if exact else ()):
+        pattern[i, list(_split(row, dict(enumerate(states)), x, moving)[0])] = True
+    blocks = _blocks(pattern)
+    matrix = ca.SX(n, n)
+    for block in blocks:
+        mates = {j: states[j] for j in block}
+        together = ca.vertcat(*mates.values())
+        for i in block:
+            slopes, rest[i] = _split(rows[i], mates, together, moving)
+            for j, slope in slopes.items():
+                matrix[i, j] = slope
+    among = {i for block in blocks for i in block}
+    free = ca.vertcat(*(rest[i] for i in range(n) if i not in among))
+    heard = [ca.depends_on(free, ca.vertcat(*(states[j] for j in block))) for block in blocks]
     return LinearPart(
         blocks,
         tuple(heard),
         ca.Function("po_linear", [p], [matrix]),
-        ca.Function("po_rest", given, [ca.densify(rest)], names, rate.name_out()),
+        ca.Function("po_rest", given, [rest], names, rate.name_out()),
     )
 
 
 def _split(
-    one: ca.SX, x: ca.SX, moving: ca.SX, wanted: Sequence[int]
+    one: ca.SX, wanted: Mapping[int, ca.SX], together: ca.SX, moving: ca.SX
 ) -> tuple[dict[int, ca.SX], ca.SX]:
     """Where a sum is a state times what only the parameters decide: those factors, and the rest.
 
     Taken out term by term, so that nothing of it is left to rounding.
+
+    Args:
+        one: the sum.
+        wanted: states to look for, by their index.
+        together: the same as one column.
+        moving: whatever is not a parameter.
     """
 
     def part(index: int) -> tuple[dict[int, ca.SX], ca.SX]:
-        return _split(one.dep(index), x, moving, wanted)
+        return _split(one.dep(index), wanted, together, moving)
 
-    if not any(ca.depends_on(one, x[j]) for j in wanted):
+    if not ca.depends_on(one, together):
         return {}, one
     if one.is_op(ca.OP_ADD) or one.is_op(ca.OP_SUB):
         (left, rest), (right, other) = part(0), part(1)
@@ -157,8 +168,10 @@ def _split(
     if one.is_op(ca.OP_TWICE):
         inner, rest = part(0)
         return {j: 2.0 * slope for j, slope in inner.items()}, 2.0 * rest
-    found = [j for j in wanted if one.is_symbolic() and ca.is_equal(one, x[j])]
-    return ({found[0]: ca.SX(1.0)}, ca.SX(0.0)) if found else ({}, one)
+    if one.is_symbolic():
+        itself = next(j for j, state in wanted.items() if ca.is_equal(one, state))
+        return {itself: ca.SX(1.0)}, ca.SX(0.0)
+    return {}, one
 
 
 def _blocks(pattern: NDArray[np.bool_]) -> tuple[tuple[int, ...], ...]:
