@@ -63,3 +63,11 @@ def test_every_folder_is_a_package() -> None:
     # The contract does not look into a folder without __init__.py, and neither do the docs.
     folders = {file.parent for file in (ROOT / "piezo_opt").rglob("*.py")}
     assert [str(f.relative_to(ROOT)) for f in folders if not (f / "__init__.py").exists()] == []
+
+
+def test_nobody_waits_for_what_only_some_need() -> None:
+    """Each of these takes a quarter of a second and more to load."""
+    heavy = ("cma", "control", "matplotlib.pyplot", "pandas")
+    said = f"import sys, piezo_opt.cli; print([n for n in {heavy} if n in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

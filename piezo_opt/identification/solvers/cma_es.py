@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, final
 
-import cma
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,6 +51,8 @@ class CmaEs:
 
     def minimise(self, objective: Objective, start: FloatArray) -> Solution:
         """From a start within the bounds to a minimum."""
+        import cma  # which brings a plotting library along: nobody else is to wait for that
+
         monitor = objective.monitor
         theta = objective.unknowns.clip(start)
         box = Box.around(objective, theta)
