@@ -33,17 +33,17 @@ _LEVELS: Final = {
 
 _FLUSH: Final = """
 /* Within a function that says PO_FLUSH what is smaller than the smallest normal number is zero: a
-   derivative by where a state began fades to there and stays, and many processors take several
-   times as long over such numbers. Caller's habits are restored wherever the function ends. */
+   derivative by where a state began fades to there and stays, and a processor may take far longer
+   over such numbers. Caller's habits are restored wherever the function ends. Its header would take
+   longer to read than these lines. */
 #if defined(__SSE2__)
-#include <xmmintrin.h>
 static inline unsigned po_flush(void)
 {
-    const unsigned kept = _mm_getcsr();
-    _mm_setcsr(kept | 0x8040u); /* results, and operands */
+    const unsigned kept = __builtin_ia32_stmxcsr();
+    __builtin_ia32_ldmxcsr(kept | 0x8040u); /* results, and operands */
     return kept;
 }
-static inline void po_restore(const unsigned *const kept) { _mm_setcsr(*kept); }
+static inline void po_restore(const unsigned *const kept) { __builtin_ia32_ldmxcsr(*kept); }
 #define PO_FLUSH const unsigned po_kept __attribute__((cleanup(po_restore))) = po_flush();
 #else
 #define PO_FLUSH
