@@ -45,9 +45,9 @@ _ALIKE = 0.9
 """Cosine at the foot from which two effects are the same physics in two shapes."""
 _SHAPING = 0.6
 """Error over that before below which a look-alike has done more than shape what was found."""
-_PART = 0.005
+_PART = 0.008
 """Share of what is left that an absent effect must explain for a step to be asked for its place
-once more. Of some 120 ladders none changed for less than twice that."""
+once more. Of some 120 ladders none changed for less than 0.01."""
 _MOST_ROUNDS = 7
 _FREEDOM = 3
 """Parameters of an effect beyond which it may do what a simpler one does."""
