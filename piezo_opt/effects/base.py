@@ -139,7 +139,7 @@ class State:
         remanent: a record may begin with this state away from rest (memory of what was before).
         relaxing: its rest is the whole displacement, and it may begin anywhere in that.
         trailing: it follows a signal at a short distance, at which a record that is cut out of a
-            motion begins, without mechanics that take that up; soon forgotten, and not counted
+            motion begins, unless mechanics behind it take that up; soon forgotten, and not counted
             where models are compared.
         when, unless: name of an option of the effect (or several) with which, or without which,
             there is this state.

@@ -45,6 +45,10 @@ def with_second_pole(effect: Any, own: Mapping[str, float]) -> tuple[Effect, Map
     return replace(effect, poles=2), {"tau": own["tau"] / (1.0 + RATIO.nominal)}
 
 
-def like_a_delay(other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
-    """A short delay is a lag of that time constant."""
-    return {"share": 1.0, "tau": own["T"]} if other == "delay" else None
+def like_a_lag(other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
+    """A short delay is a lag of that time constant; what lags elsewhere lags as much here."""
+    if other == "delay":
+        return {"share": 1.0, "tau": own["T"]}
+    if other in ("amplifier_lag", "sensor_lag"):
+        return {"share": own["share"], "tau": own["tau"]}
+    return None

@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.effects.base import Parameter
+from piezo_opt.effects.base import Parameter, Place
 from piezo_opt.identification.problem import Identification, Prior, Start, plain
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation import INITIAL
@@ -220,9 +220,10 @@ def _memories(question: Identification, record: Measurement) -> list[tuple[str, 
     for name, effect in question.model:
         for state, count in effect.states.items():
             declared = effect.declared_states[state]
-            # Mechanics that begin anywhere take up where a lag began; beside them a lag that may
-            # begin anywhere, too, would always beat a delay, which begins at rest.
-            if not (declared.remanent or (declared.trailing and question.model.quasi_static)):
+            # Mechanics that begin anywhere take up where a lag before them began; beside them one
+            # that may begin anywhere, too, would always beat a delay, which begins at rest.
+            alone = question.model.quasi_static or effect.place is Place.OUTPUT
+            if not (declared.remanent or (declared.trailing and alone)):
                 continue
             # Half a stroke (or swing) of remanence is more than any actuator keeps; without a bound
             # two slow states can cancel each other at any size. A state without unit is a share of

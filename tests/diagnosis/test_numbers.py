@@ -9,7 +9,7 @@ import piezo_opt as po
 from piezo_opt.diagnosis import diagnose
 from piezo_opt.diagnosis.rung import numbers
 from piezo_opt.effects import AmplifierLag, Creep, Effect, SensorLag, SlewLimit
-from tests.diagnosis.plants import NOISE, STILL, TRUTH, but, clock, fitted, measured, rich
+from tests.diagnosis.plants import MOVING, NOISE, STILL, TRUTH, but, clock, fitted, measured, rich
 
 KNOWN = {name: TRUTH[name] for name in STILL.parameters if name in TRUTH}
 
@@ -41,6 +41,29 @@ def test_a_record_cut_out_of_a_motion_begins_where_the_lag_was(
     assert numbers(fit) == len(fit.names) - len(begins)
     held = po.Identification(STILL + effect, cut, fixed=dict.fromkeys(begins, 0.0))
     assert po.solve(held, start=start).rms > 1.5 * NOISE
+
+
+def test_behind_mechanics_a_lag_begins_where_it_was_too() -> None:
+    """What lags before them they take up, wherever they begin; what lags behind them they cannot.
+
+    Nor may a lag before them begin anywhere: it would always beat a delay.
+    """
+    time, inside = clock(1050), slice(50, None)
+    own = {"share": 1.0, "tau": 2e-3}
+    drive = 30.0 - 30.0 * np.cos(2.0 * np.pi * (45.0 - 19.0 * time) * time)
+    whole = measured(MOVING, time, drive, (SensorLag(), own))
+    cut = po.Measurement(
+        time[inside], whole.drive[inside], whole.position[inside], allow_saturated=True
+    )
+    known = {name: TRUTH[name] for name in MOVING.parameters if name in TRUTH}
+    start = {**known, **{f"sensor_lag.{k}": v for k, v in own.items()}}
+    fit = po.solve(po.Identification(MOVING + SensorLag(), cut), start=start)
+    assert fit.rms == pytest.approx(NOISE, rel=0.1)
+    assert numbers(fit) == len(fit.names) - 1
+    held = po.Identification(MOVING + SensorLag(), cut, fixed={"initial.sensor_lag.z": 0.0})
+    assert po.solve(held, start=start).rms > 2.0 * NOISE
+    before = po.solve(po.Identification(MOVING + AmplifierLag(), cut))
+    assert not any("amplifier_lag.z" in name for name in before.names)
 
 
 def test_creep_begins_anywhere_in_the_displacement_and_not_within_a_part_of_the_stroke() -> None:

@@ -197,6 +197,25 @@ def test_the_whole_port_is_the_lag_and_the_charge_that_comes_back() -> None:
     np.testing.assert_allclose(port, reading, rtol=0, atol=1e-9 * np.ptp(reading))
 
 
+def test_before_linear_mechanics_a_lag_is_what_it_is_behind_them() -> None:
+    """What is linear may change places; so each begins at what the other has been found to do."""
+    time = np.arange(400) * 1e-4
+    drive = 30.0 * np.sin(2.0 * np.pi * 60.0 * time) ** 2
+    own = {"share": 0.8, "tau": 2e-3}
+    mechanics = {"second_order.omega": 2.0 * np.pi * 80.0, "second_order.zeta": 0.1}
+    moving = PiezoGain() + SecondOrder()
+    readings = [
+        respond(moving + lag, time, drive,
+                {**mechanics, **{f"{lag.name}.{k}": v for k, v in own.items()}}, 1e-5)[0]
+        for lag in (AmplifierLag(), SensorLag())
+    ]  # fmt: skip
+    np.testing.assert_allclose(*readings, rtol=0, atol=1e-6 * np.ptp(readings[0]))
+    for one, other in ((AmplifierLag(), "sensor_lag"), (SensorLag(), "amplifier_lag")):
+        assert one.like(other, {**own, "ratio": 0.2}) == own
+        assert one.like("delay", {"T": 1e-4}) == {"share": 1.0, "tau": 1e-4}
+        assert one.like("creep", {"c": 0.1, "tau": 1.0}) is None
+
+
 def test_charge_back_coupling_damps_by_kappa_d_omega_over_two() -> None:
     model = PiezoGain() + SecondOrder() + ChargeBackCoupling()
     poles = poles_at_rest(

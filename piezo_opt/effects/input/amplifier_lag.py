@@ -10,7 +10,7 @@ from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, S
 from piezo_opt.effects.series_lag import (
     RATIO,
     lag_rates,
-    like_a_delay,
+    like_a_lag,
     time_constants,
     with_second_pole,
 )
@@ -45,8 +45,8 @@ class AmplifierLag(Effect):
     ratio = RATIO
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
-        """A short delay is a lag of that time constant."""
-        return like_a_delay(other, own)
+        """A short delay is a lag of that time constant; a lag elsewhere is as long here."""
+        return like_a_lag(other, own)
 
     def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
         """With the second pole."""
