@@ -411,6 +411,10 @@ def climb(
             richer = way.named(at, rung, after, group)
         at = way.revised(at, richer)
         ended = nothing_to_win(at.fit)
+        if ended and _repeats(at.fit):
+            # What repeats with the position looks like noise, its harmonics above all.
+            at = way.detailed(at)
+            ended = nothing_to_win(at.fit)
         if not ended:
             at = way.scored(at)
     if at.steps and (settled is None or settled.fit is not at.fit):
@@ -455,6 +459,11 @@ def _unaided(rung: Rung) -> Fit | None:
     except NO_FIT:
         return None
     return alone if bic_gain(alone, rung.fit) < STRONG else None
+
+
+def _repeats(fit: Fit) -> bool:
+    """Whether an effect of a model repeats with the position."""
+    return any(p.repeats for _, effect in fit.model for p in effect.parameters.values())
 
 
 def _freed(before: Fit, after: Fit) -> list[str]:

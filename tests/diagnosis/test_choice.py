@@ -44,7 +44,7 @@ def fit(error: float, elsewhere: float = 1.0) -> Any:
     """What the ladder reads of a fit: its error, and that on the held-out record."""
     return Fitted(
         rms=error, elsewhere=elsewhere, question=NOTHING, values={}, names=(), at_bound=(),
-        model=Named(bouc_wen=SimpleNamespace(structural=True)), records=(None,),
+        model=Named(bouc_wen=SimpleNamespace(structural=True, parameters={})), records=(None,),
     )  # fmt: skip
 
 

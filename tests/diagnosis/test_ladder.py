@@ -30,10 +30,12 @@ from piezo_opt.effects import (
     Friction,
     MainsPickup,
     NonlinearGain,
+    PiezoGain,
     RateDependence,
     SecondMode,
     SecondOrder,
     SensorLag,
+    SensorNonlinearity,
 )
 from piezo_opt.errors import InputError
 from piezo_opt.identification import LevenbergMarquardt
@@ -561,6 +563,44 @@ def test_details_come_before_pairs_and_pairs_are_asked_for_once(
     assert [step.name for step in top.steps] == [step.name for step in ladder.steps]
 
 
+@pytest.mark.parametrize("periodic", [True, False])
+def test_harmonics_of_what_repeats_are_asked_for_where_only_noise_seems_left(
+    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, periodic: bool
+) -> None:
+    """Crossed faster than it is sampled, a second harmonic is as good as white."""
+    ladder, held = two
+    asked: list[po.Fit] = []
+    found: Any = (SimpleNamespace(suspect=True), None, ())
+    choices = iter([found])
+    both = module._Stand(ladder.final, None, (), ladder.steps)
+
+    def detailed(_: Any, at: Any) -> Any:
+        asked.append(at.fit)
+        return at
+
+    monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
+    monkeypatch.setattr(module, "astray", lambda *_, **__: False)
+    monkeypatch.setattr(module, "nothing_to_win", lambda _: True)
+    monkeypatch.setattr(module, "_repeats", lambda _: periodic)
+    monkeypatch.setattr(module._Climb, "choice", lambda _, at: (at, next(choices)))
+    monkeypatch.setattr(module._Climb, "named", lambda *_: both)
+    monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
+    monkeypatch.setattr(module._Climb, "detailed", detailed)
+    monkeypatch.setattr(module._Climb, "grouped", lambda _, at: at)
+    monkeypatch.setattr(module._Climb, "reconsidered", lambda _, at: at)
+    climb(ladder.baseline, held, [])
+    assert asked == ([ladder.final] if periodic else [])
+
+
+def test_a_bent_scale_does_not_repeat() -> None:
+    def fit(effect: SensorNonlinearity) -> Any:
+        return SimpleNamespace(model=PiezoGain() + effect)
+
+    assert module._repeats(fit(SensorNonlinearity()))
+    assert module._repeats(fit(SensorNonlinearity(unknown=True)))
+    assert not module._repeats(fit(SensorNonlinearity(quadratic=True)))
+
+
 @pytest.mark.parametrize(
     ("missed", "helped", "shown", "asked"),
     [
@@ -694,7 +734,7 @@ def test_scores_are_taken_beside_the_pruning_and_once_at_a_fit(
 
 
 @pytest.mark.parametrize(
-    ("p_value", "score", "asked"), [(1e-9, 0.006, [0]), (1e-2, 0.006, []), (1e-9, 0.004, [])]
+    ("p_value", "score", "asked"), [(1e-9, 0.009, [0]), (1e-2, 0.009, []), (1e-9, 0.007, [])]
 )
 def test_steps_are_asked_again_where_an_effect_still_explains_what_is_left(
     two: tuple[Ladder, HeldOut], exchanges: list[dict[str, Any]],
