@@ -411,7 +411,7 @@ def climb(
             richer = way.named(at, rung, after, group)
         at = way.revised(at, richer)
         ended = nothing_to_win(at.fit)
-        if ended and _repeats(at.fit):
+        if ended and _muted(at.fit):
             # What repeats with the position looks like noise, its harmonics above all.
             at = way.detailed(at)
             ended = nothing_to_win(at.fit)
@@ -461,9 +461,14 @@ def _unaided(rung: Rung) -> Fit | None:
     return alone if bic_gain(alone, rung.fit) < STRONG else None
 
 
-def _repeats(fit: Fit) -> bool:
-    """Whether an effect of a model repeats with the position."""
-    return any(p.repeats for _, effect in fit.model for p in effect.parameters.values())
+def _muted(fit: Fit) -> bool:
+    """Whether an effect that repeats with the position is without its harmonics."""
+    for name, effect in fit.model:
+        own = effect.parameters
+        harmonics = [f"{name}.{k}" for k, p in own.items() if p.detail and not p.repeats]
+        if any(p.repeats for p in own.values()) and not {*harmonics} <= {*fit.question.free}:
+            return True
+    return False
 
 
 def _freed(before: Fit, after: Fit) -> list[str]:

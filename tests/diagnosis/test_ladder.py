@@ -581,7 +581,7 @@ def test_harmonics_of_what_repeats_are_asked_for_where_only_noise_seems_left(
     monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
     monkeypatch.setattr(module, "astray", lambda *_, **__: False)
     monkeypatch.setattr(module, "nothing_to_win", lambda _: True)
-    monkeypatch.setattr(module, "_repeats", lambda _: periodic)
+    monkeypatch.setattr(module, "_muted", lambda _: periodic)
     monkeypatch.setattr(module._Climb, "choice", lambda _, at: (at, next(choices)))
     monkeypatch.setattr(module._Climb, "named", lambda *_: both)
     monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
@@ -592,13 +592,15 @@ def test_harmonics_of_what_repeats_are_asked_for_where_only_noise_seems_left(
     assert asked == ([ladder.final] if periodic else [])
 
 
-def test_a_bent_scale_does_not_repeat() -> None:
-    def fit(effect: SensorNonlinearity) -> Any:
-        return SimpleNamespace(model=PiezoGain() + effect)
+def test_harmonics_are_missed_of_what_repeats_and_until_they_are_there() -> None:
+    def fit(effect: SensorNonlinearity, *free: str) -> Any:
+        free = tuple(f"sensor_nonlinearity.{name}" for name in free)
+        return SimpleNamespace(model=PiezoGain() + effect, question=SimpleNamespace(free=free))
 
-    assert module._repeats(fit(SensorNonlinearity()))
-    assert module._repeats(fit(SensorNonlinearity(unknown=True)))
-    assert not module._repeats(fit(SensorNonlinearity(quadratic=True)))
+    assert module._muted(fit(SensorNonlinearity()))
+    assert module._muted(fit(SensorNonlinearity(unknown=True), "s2"))
+    assert not module._muted(fit(SensorNonlinearity(unknown=True), "s2", "c2"))
+    assert not module._muted(fit(SensorNonlinearity(quadratic=True)))
 
 
 @pytest.mark.parametrize(
