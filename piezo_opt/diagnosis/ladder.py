@@ -200,10 +200,10 @@ class _Climb:
             return at
         freed = _freed(at.fit, finer)
         self.tell(f"refined {', '.join(freed)}")
-        *below, top = at.steps
+        top = [topped(step, finer, rms(error)) for step in at.steps[-1:]]
         stand = replace(
             at, fit=finer, error=error, refined=(*at.refined, *freed), touched=True,
-            steps=(*below, topped(top, finer, rms(error))),
+            steps=(*at.steps[:-1], *top),
         )  # fmt: skip
         return self.scored(stand)
 

@@ -509,6 +509,10 @@ def test_two_steps_are_brought_to_their_detail_before_pairs_are_asked_for() -> N
     assert finer.steps[1].rms_after == finer.fit.rms
     assert told == [f"refined {', '.join(finer.refined)}"]
     assert way.detailed(finer) is finer
+    # A model may bring mains of its own, and no step be there yet.
+    unnamed = way.detailed(module._Stand(both, None, ()))
+    assert unnamed.steps == ()
+    assert unnamed.fit.rms == finer.fit.rms
 
 
 def test_later_rounds_and_pairs_are_told_who_began_afresh_at_the_foot(
@@ -563,6 +567,18 @@ def test_details_come_before_pairs_and_pairs_are_asked_for_once(
     assert [step.name for step in top.steps] == [step.name for step in ladder.steps]
 
 
+def named_at_once(monkeypatch: pytest.MonkeyPatch, ladder: Ladder) -> None:
+    """A climb whose first choice leads to the top of a ladder, where only noise seems left."""
+    choices = iter([(SimpleNamespace(suspect=True), None, ())])
+    top = module._Stand(ladder.final, None, (), ladder.steps)
+    monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
+    monkeypatch.setattr(module, "nothing_to_win", lambda _: True)
+    monkeypatch.setattr(module._Climb, "choice", lambda _, at: (at, next(choices)))
+    monkeypatch.setattr(module._Climb, "named", lambda *_: top)
+    monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
+    monkeypatch.setattr(module._Climb, "grouped", lambda _, at: at)
+
+
 @pytest.mark.parametrize("periodic", [True, False])
 def test_harmonics_of_what_repeats_are_asked_for_where_only_noise_seems_left(
     two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, periodic: bool
@@ -570,23 +586,15 @@ def test_harmonics_of_what_repeats_are_asked_for_where_only_noise_seems_left(
     """Crossed faster than it is sampled, a second harmonic is as good as white."""
     ladder, held = two
     asked: list[po.Fit] = []
-    found: Any = (SimpleNamespace(suspect=True), None, ())
-    choices = iter([found])
-    both = module._Stand(ladder.final, None, (), ladder.steps)
 
     def detailed(_: Any, at: Any) -> Any:
         asked.append(at.fit)
         return at
 
-    monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
+    named_at_once(monkeypatch, ladder)
     monkeypatch.setattr(module, "astray", lambda *_, **__: False)
-    monkeypatch.setattr(module, "nothing_to_win", lambda _: True)
     monkeypatch.setattr(module, "_muted", lambda _: periodic)
-    monkeypatch.setattr(module._Climb, "choice", lambda _, at: (at, next(choices)))
-    monkeypatch.setattr(module._Climb, "named", lambda *_: both)
-    monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
     monkeypatch.setattr(module._Climb, "detailed", detailed)
-    monkeypatch.setattr(module._Climb, "grouped", lambda _, at: at)
     monkeypatch.setattr(module._Climb, "reconsidered", lambda _, at: at)
     climb(ladder.baseline, held, [])
     assert asked == ([ladder.final] if periodic else [])
@@ -623,9 +631,6 @@ def test_pairs_are_asked_for_where_two_leave_but_noise_and_miss_the_other_record
     """
     ladder, held = two
     order: list[str] = []
-    found: Any = (SimpleNamespace(suspect=True), None, ())
-    choices = iter([found])
-    both = module._Stand(ladder.final, None, (), ladder.steps)
 
     def together(*_: Any) -> None:
         order.append("together")
@@ -637,15 +642,10 @@ def test_pairs_are_asked_for_where_two_leave_but_noise_and_miss_the_other_record
     def astray(fit: po.Fit, *_: Any, several: bool) -> bool:
         return missed and several and fit is ladder.final
 
-    monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
+    named_at_once(monkeypatch, ladder)
     monkeypatch.setattr(module, "astray", astray)
-    monkeypatch.setattr(module, "nothing_to_win", lambda _: True)
     monkeypatch.setattr(module, "shows_more", lambda _: shown)
-    monkeypatch.setattr(module._Climb, "choice", lambda _, at: (at, next(choices)))
-    monkeypatch.setattr(module._Climb, "named", lambda *_: both)
-    monkeypatch.setattr(module._Climb, "revised", lambda _, __, richer: richer)
     monkeypatch.setattr(module._Climb, "together", together)
-    monkeypatch.setattr(module._Climb, "grouped", lambda _, at: at)
     monkeypatch.setattr(module._Climb, "reconsidered", reconsidered)
     climb(ladder.baseline, held, [])
     assert order == asked
