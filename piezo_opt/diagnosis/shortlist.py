@@ -16,7 +16,7 @@ from piezo_opt.effects.base import Effect, Place
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
-from piezo_opt.identification.starting import joint_starts, starting_values
+from piezo_opt.identification.starting import joint_start, starting_values
 from piezo_opt.values import Values
 
 _TELLING = 0.02
@@ -137,7 +137,7 @@ def jointly(
     def placed(suspect: Suspect) -> Trial | None:
         trial = beside(fit, given, suspect)[0]
         with suppress(*NO_FIT):
-            best = joint_starts(trial.question, trial.question.model.names[-1])[0]
+            best = joint_start(trial.question, trial.question.model.names[-1])
             return replace(trial, start=best)
         return None
 
