@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from piezo_opt.diagnosis.base_point import BasePoint, base_point
 from piezo_opt.diagnosis.contest import beside
-from piezo_opt.diagnosis.refinements import moved, stiffened
+from piezo_opt.diagnosis.refinements import moved, stiffened, with_base_details
 from piezo_opt.diagnosis.rung import Rung, Trial
 from piezo_opt.diagnosis.scores import Suspect, Unscored, score
 from piezo_opt.effects.base import Effect, Place
@@ -125,7 +125,9 @@ def jointly(
 ) -> list[Trial]:
     """Every suspect from where its shapes and the width of the loop have been searched together.
 
-    That takes some six times as long as the start of an entrant.
+    With all details free: an effect that is strong and of another shape than the usual one may
+    have no place near what it is without them. The search takes some six times as long as the
+    start of an entrant.
 
     Args:
         fit: the fit below.
@@ -136,9 +138,10 @@ def jointly(
 
     def placed(suspect: Suspect) -> Trial | None:
         trial = beside(fit, given, suspect)[0]
+        name = trial.question.model.names[-1]
         with suppress(*NO_FIT):
-            best = joint_start(trial.question, trial.question.model.names[-1])
-            return replace(trial, start=best)
+            best = joint_start(trial.question, name)
+            return with_base_details(replace(trial, start=best), name)
         return None
 
     with ThreadPoolExecutor(max_workers=threads) as pool:

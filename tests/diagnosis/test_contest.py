@@ -490,6 +490,24 @@ def test_a_limit_that_is_met_at_the_peaks_alone_begins_as_one_where_widths_are_s
     assert joint.start["saturation.v_s"] == pytest.approx(57.0, rel=0.1)
 
 
+def test_a_strong_effect_of_an_unusual_shape_begins_in_detail_there() -> None:
+    """Without its bend there is no place near it to go on from."""
+    time = clock(2000)
+    drive, reach = rich(time), 60.0
+    strength = 0.8 * TRUTH["bouc_wen.alpha"] / reach
+    bent = Asymmetry(), {"delta": strength, "bend": 0.2 / reach**2}
+    fit = fitted(STILL, measured(STILL, time, drive, bent))
+    suspects, _ = scored(fit, [Asymmetry()], 1)
+    foot = po.Identification(STILL, fit.records[0])
+    (entrant,), _ = entrants(fit, foot, suspects, 1)
+    (joint,) = jointly(fit, foot, suspects, 1)
+    assert joint.refines == ("bouc_wen.n", "asymmetry.bend")
+    assert solved(entrant.question, entrant.start).rms > 1.15 * NOISE
+    found = solved(joint.question, joint.start)
+    assert found.rms == pytest.approx(NOISE, rel=0.03)
+    assert found.values["asymmetry.delta"] == pytest.approx(strength, rel=0.15)
+
+
 def test_who_began_at_the_foot_is_not_begun_again_beside_a_detail_of_it() -> None:
     """The base that all begin beside has forgotten the detail as well: it would be the same fit."""
     time = clock(2000)
