@@ -8,17 +8,25 @@ name. So there is no build order to discover and no effect differentiates a sign
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, final
+from importlib import metadata, resources
+from pathlib import Path
+from typing import Any, Final, final
 
 import casadi as ca
 
-from piezo_opt.effects.base import Chain, Equations, Place, Signal, Symbols
+from piezo_opt.effects.base import Chain, Effect, Equations, Place, Signal, Symbols
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import ModelError
+from piezo_opt.keeping import digest, kept
 from piezo_opt.symbolic import Expression, one_at_a_time
+
+_FUNCTIONS: Final = ("rate", "reading", "signals", "start", "becomes", "delay")
+"""What a system consists of, by its attributes."""
 
 
 @final
@@ -93,7 +101,53 @@ def assemble(model: Model, constants: Mapping[str, float] | None = None) -> Syst
 @lru_cache(maxsize=2048)
 @one_at_a_time
 def _assemble(model: Model, constants: tuple[tuple[str, float], ...]) -> System:
-    return _Assembler(model, dict(constants)).system()
+    """The system of a model, from another process where one has assembled it before."""
+
+    def made() -> System:
+        return _Assembler(model, dict(constants)).system()
+
+    def read(text: str) -> System:
+        told = json.loads(text)
+        functions: dict[str, Any] = {
+            k: None if told[k] is None else ca.Function.deserialize(told[k]) for k in _FUNCTIONS
+        }
+        names, states, units, channels = (tuple(part) for part in told["names"])
+        return System(model, names, states, units, channels, dict(constants), **functions)
+
+    named = [_told(name, effect) for name, effect in model]
+    if None in named:
+        return made()
+    return kept("systems", f"{named} {constants} {_ORIGIN}", made, _written_out, read)
+
+
+def _written_out(system: System) -> str:
+    """A system as a text, but for its model and its constants."""
+    parts = {k: getattr(system, k) for k in _FUNCTIONS}
+    told: dict[str, Any] = {k: None if f is None else f.serialize() for k, f in parts.items()}
+    told["names"] = (
+        system.parameter_names, system.state_names, system.state_units, system.channel_names,
+    )  # fmt: skip
+    return json.dumps(told)
+
+
+def _told(name: str, effect: Effect) -> str | None:
+    """All that tells an effect from others of this package; None for one that is not its own."""
+    kind = type(effect)
+    own = getattr(sys.modules.get(kind.__module__), kind.__qualname__, None) is kind
+    plain = all(isinstance(v, bool | int | float | str) for v in effect.options.values())
+    if not (own and plain and kind.__module__.startswith(f"{__package__}.effects.")):
+        return None
+    return f"{name} {kind.__module__} {effect!r} {kind.equations.__code__.co_code.hex()}"
+
+
+def _sources() -> str:
+    """What turns a model into a system: the engine, and this package's own lines as imported."""
+    here = Path(str(resources.files(__package__)))
+    files = (here / "assembly.py", here / "symbolic.py", *sorted((here / "effects").rglob("*.py")))
+    return f"{metadata.version('casadi')} {digest(b''.join(file.read_bytes() for file in files))}"
+
+
+_ORIGIN: Final = _sources()
 
 
 @final

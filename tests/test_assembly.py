@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, final
 
 import numpy as np
 import pytest
 
+from piezo_opt import assembly as module
 from piezo_opt.assembly import System, assemble, folded
 from piezo_opt.effects import (
     AmplifierLag,
@@ -27,6 +30,7 @@ from piezo_opt.effects import (
     RateDependence,
     SecondOrder,
     State,
+    Temperature,
 )
 from piezo_opt.errors import ModelError
 from piezo_opt.values import Values
@@ -318,3 +322,105 @@ def test_folding_keeps_what_is_asked_for_at_run_time() -> None:
 def test_the_same_model_is_assembled_once() -> None:
     assert assemble(PiezoGain() + BoucWen()) is assemble(PiezoGain() + BoucWen())
     assert assemble(PiezoGain() + BoucWen()) is not assemble(PiezoGain() + BoucWen(), {})
+
+
+# --- systems that another process has assembled -----------------------------------------------
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty cache directory of the test's own, and a process that knows no system."""
+    monkeypatch.setenv("PIEZO_OPT_CACHE", str(tmp_path))
+    module._assemble.cache_clear()
+    yield tmp_path
+    module._assemble.cache_clear()
+
+
+def again(model: Model, constants: dict[str, float] | None = None) -> System:
+    """A system as another process would have it."""
+    module._assemble.cache_clear()
+    return assemble(model, constants)
+
+
+def systems(cache: Path) -> int:
+    return len(list((cache / "systems").glob("*")))
+
+
+def same(one: System, other: System) -> bool:
+    """Whether two systems are the same to the letter."""
+    said = [
+        (s.recipe, s.signals.serialize(), s.state_units, dict(s.constants), s.model)
+        for s in (one, other)
+    ]
+    return said[0] == said[1]
+
+
+def test_a_system_that_was_kept_is_the_one_that_was_assembled(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    models = [
+        BASE,
+        PiezoGain() + PrandtlIshlinskii() + Offset(),
+        PiezoGain() + BoucWen() + Offset(),
+        BASE + Delay() + Creep(elements=2),
+        BASE + Temperature(),
+    ]
+    made = [assemble(model) for model in models]
+    assert systems(cache) == len(models)
+
+    def nobody(*_: object) -> None:
+        raise AssertionError("assembled once more")
+
+    monkeypatch.setattr(module, "_Assembler", nobody)
+    for model, system in zip(models, made, strict=True):
+        kept = again(model)
+        assert kept is not system
+        assert same(kept, system)
+    assert made[1].becomes is not None
+    assert made[3].delay is not None
+
+
+def test_whatever_makes_another_system_is_another_one(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = [
+        again(BASE + Creep(elements=1)), again(BASE + Creep(elements=2)),
+        again(BASE, {"bouc_wen.n": 1.0}), again(BASE, {"bouc_wen.n": 2.0}),
+        again(BASE, {}), again(Model.of(*(e for _, e in reversed(BASE.named)))),
+    ]  # fmt: skip
+    assert systems(cache) == len(known)
+    assert len({system.recipe for system in known}) == len(known)
+    # An effect whose equations have been replaced is not the package's any more.
+    before = again(BASE).reading.serialize()
+    monkeypatch.setattr(Offset, "equations", lambda *given: Equations(gives=given[3].y0 ** 2))
+    assert again(BASE).reading.serialize() != before
+
+
+def test_effects_of_ones_own_are_assembled_every_time(cache: Path) -> None:
+    """What they say is in no file that is looked at."""
+
+    @final
+    @dataclass(frozen=True)
+    class Slanted(Effect):
+        """A drive that grows.
+
+        v += g t
+        """
+
+        place = Place.INPUT
+        g = gate()
+
+        def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+            return Equations(gives=chain.incoming.value + p.g * chain.time)
+
+    assert "slanted.g" in again(BASE + Slanted()).parameter_names
+    assert systems(cache) == 0
+    again(BASE)
+    assert systems(cache) == 1
+
+
+def test_what_is_refused_is_kept_nowhere(cache: Path) -> None:
+    for _ in range(2):
+        with pytest.raises(ModelError, match="rate_dependence adds to the rate"):
+            again(PiezoGain() + PrandtlIshlinskii() + RateDependence())
+    assert systems(cache) == 0

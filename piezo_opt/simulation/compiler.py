@@ -9,15 +9,13 @@ Two processes may build the same library at once: each writes its own temporary 
 it into place, which is atomic and leaves alone who has the old file mapped. A cache directory
 that cannot be written is replaced by a temporary one for this process.
 
-Environment: ``PIEZO_OPT_CACHE`` is the cache directory, ``PIEZO_OPT_CC`` the compiler; an empty
-``PIEZO_OPT_CC`` means that there is none.
+Environment: ``PIEZO_OPT_CC`` is the compiler; an empty one means that there is none.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
-import hashlib
 import os
 import platform
 import shutil
@@ -27,6 +25,8 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Final
+
+from piezo_opt.keeping import cache_directory, digest
 
 FLAGS: Final = (
     "-O3", "-fno-tree-slp-vectorize", "-march=native", "-fno-math-errno", "-fno-trapping-math",
@@ -41,19 +41,14 @@ PROBE: Final = "po_run"
 
 def find_compiler() -> str | None:
     """Path of the C compiler, or None when there is none."""
-    wished = os.environ.get("PIEZO_OPT_CC")
-    if wished is not None:
-        return shutil.which(wished) if wished else None
-    return next((path for name in ("cc", "gcc", "clang") if (path := shutil.which(name))), None)
+    return _found(os.environ.get("PIEZO_OPT_CC"), os.environ.get("PATH"))
 
 
-def cache_directory() -> Path:
-    """Where compiled libraries are kept."""
-    wished = os.environ.get("PIEZO_OPT_CACHE")
-    if wished:
-        return Path(wished)
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "piezo_opt"
+@cache
+def _found(wished: str | None, path: str | None) -> str | None:
+    """The compiler that is wished for, or the first that there is, along a search path."""
+    names = ("cc", "gcc", "clang") if wished is None else (wished,)
+    return next((file for name in names if name and (file := shutil.which(name, path=path))), None)
 
 
 @cache
@@ -80,7 +75,7 @@ def load(recipe: str, write: Callable[[str], str] = str) -> ctypes.CDLL | None:
     compiler = find_compiler()
     if compiler is None:
         return None
-    key = hashlib.sha256(f"{_fingerprint(compiler)}\n{recipe}".encode()).hexdigest()[:32]
+    key = digest(f"{_fingerprint(compiler)}\n{recipe}".encode())
 
     def text() -> str:
         return write(recipe)
@@ -113,7 +108,7 @@ def _load_into(
             made = _compile(Path(scratch), text(), compiler)
             if made is None:
                 return None
-            os.replace(made, kept / f"{_digest(made)}.so")
+            os.replace(made, kept / f"{digest(made.read_bytes())}.so")
     except OSError:
         return None
     return _open_kept(kept)
@@ -122,12 +117,12 @@ def _load_into(
 def _open_kept(kept: Path) -> ctypes.CDLL | None:
     """The first library of a directory that is what its name says and that loads."""
     try:
-        candidates = sorted(kept.glob("*.so"))
+        names = sorted(name for name in os.listdir(kept) if name.endswith(".so"))
     except OSError:
         return None
-    for library in candidates:
+    for library in (kept / name for name in names):
         try:
-            if _digest(library) == library.stem:
+            if digest(library.read_bytes()) == library.stem:
                 loaded = ctypes.CDLL(str(library))
                 if hasattr(loaded, PROBE):
                     return loaded
@@ -137,10 +132,6 @@ def _open_kept(kept: Path) -> ctypes.CDLL | None:
         with contextlib.suppress(OSError):
             library.unlink()
     return None
-
-
-def _digest(library: Path) -> str:
-    return hashlib.sha256(library.read_bytes()).hexdigest()[:32]
 
 
 def _compile(scratch: Path, text: str, compiler: str) -> Path | None:
