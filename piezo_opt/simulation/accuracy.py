@@ -12,10 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, Final, final
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +21,6 @@ from piezo_opt.assembly import System
 from piezo_opt.errors import ModelError
 from piezo_opt.simulation.exponential import linear_part, longest
 from piezo_opt.simulation.schedule import Segment
-from piezo_opt.symbolic import one_at_a_time
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -148,7 +145,7 @@ def _rates(
     beside, beside_slopes, a = np.zeros(channels), np.zeros(channels), np.zeros((n, n))
     given = (time, x, drive, moving, beside, beside_slopes, np.array(parameters, dtype=float))
     # Wrapping the arguments of a call takes CasADi far longer than these few numbers.
-    bound: Any = _jacobian(system, exact).buffer()
+    bound: Any = linear_part(system, exact).slopes.buffer()
     buffer, evaluate = bound
     for index, array in enumerate(given):
         buffer.set_arg(index, array.data)
@@ -168,15 +165,6 @@ def _rates(
         if slope != 0.0:
             by_drive = max(by_drive, (fastest(i, slope) - still) / abs(slope))
     return by_itself, by_drive
-
-
-@lru_cache(maxsize=2048)
-@one_at_a_time
-def _jacobian(system: System, exact: bool) -> ca.Function:
-    """``(t, x, u, du, c, dc, p) -> dx'/dx``, without the linear blocks if those are exact."""
-    rate = linear_part(system, exact).rest
-    given = rate.sx_in()
-    return ca.Function("dense", given, [ca.densify(ca.jacobian(rate(*given), given[1]))])
 
 
 def choose(

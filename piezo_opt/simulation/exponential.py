@@ -17,10 +17,13 @@ and doubling: Higham (2008), Functions of Matrices, ch. 10.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib import metadata
 from math import factorial
+from pathlib import Path
 from typing import Final, final
 
 import casadi as ca
@@ -28,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.assembly import System
+from piezo_opt.keeping import digest, kept
 from piezo_opt.symbolic import one_at_a_time
 
 _REACH: Final = 32.0
@@ -41,6 +45,8 @@ _DEPTH: Final = 20
 _NONE: Final = ca.SX(0.0)
 _DOUBLINGS: Final = 6
 _TERMS: Final = 15
+_ORIGIN: Final = f"{metadata.version('casadi')} {digest(Path(__file__).read_bytes())}"
+"""What takes a linear part out: the engine, and the lines of this file as imported."""
 
 FloatArray = NDArray[np.float64]
 _Pair = tuple[ca.SX, ca.SX]
@@ -56,12 +62,14 @@ class LinearPart:
         heard: for each, whether something that is in no block follows it.
         matrix: ``(p) -> L`` (n, n) [1/s], block diagonal.
         rest: ``(t, x, u, du, c, dc, p) -> x' - L x``.
+        slopes: ``(t, x, u, du, c, dc, p) -> d rest / dx`` (n, n) [1/s].
     """
 
     blocks: tuple[tuple[int, ...], ...]
     heard: tuple[bool, ...]
     matrix: ca.Function
     rest: ca.Function
+    slopes: ca.Function
 
 
 @final
@@ -94,6 +102,24 @@ def linear_part(system: System, exact: bool) -> LinearPart:
         system: assembled model.
         exact: without it there are no blocks, and all is rest.
     """
+    origin = f"{system.recipe}\n{exact=}\n{_ORIGIN}"
+    return kept("linear parts", origin, lambda: _taken_out(system, exact), _written_out, _read)
+
+
+def _written_out(part: LinearPart) -> str:
+    functions = (part.matrix, part.rest, part.slopes)
+    return json.dumps([part.blocks, part.heard, *(f.serialize() for f in functions)])
+
+
+def _read(text: str) -> LinearPart:
+    blocks, heard, *functions = json.loads(text)
+    return LinearPart(
+        tuple(tuple(block) for block in blocks), tuple(heard),
+        *(ca.Function.deserialize(f) for f in functions),
+    )  # fmt: skip
+
+
+def _taken_out(system: System, exact: bool) -> LinearPart:
     rate = system.rate
     names = rate.name_in()
     given = [ca.SX.sym(name, rate.numel_in(i)) for i, name in enumerate(names)]
@@ -123,6 +149,7 @@ def linear_part(system: System, exact: bool) -> LinearPart:
         tuple(heard),
         ca.Function("po_linear", [p], [matrix]),
         ca.Function("po_rest", given, [rest], names, rate.name_out()),
+        ca.Function("po_slopes", given, [ca.densify(ca.jacobian(rest, x))]),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, final
 
 import casadi as ca
@@ -38,8 +39,15 @@ from piezo_opt.effects import (
     State,
 )
 from piezo_opt.measurement import Between, Measurement
-from piezo_opt.simulation import Simulator, Substeps
-from piezo_opt.simulation.exponential import LENGTHS, _split, linear_part, longest, weights
+from piezo_opt.simulation import Simulator, Substeps, exponential
+from piezo_opt.simulation.exponential import (
+    LENGTHS,
+    LinearPart,
+    _split,
+    linear_part,
+    longest,
+    weights,
+)
 from piezo_opt.values import Values
 
 FloatArray = NDArray[Any]
@@ -212,6 +220,45 @@ def test_without_it_all_is_rest() -> None:
     part = linear_part(system, exact=False)
     assert part.blocks == ()
     assert longest(part, np.ones(len(system.parameter_names))) == np.inf
+
+
+def test_a_linear_part_that_was_kept_is_the_one_that_was_taken_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PIEZO_OPT_CACHE", str(tmp_path))
+    asked = [(assemble(model, {}), exact) for model in (MOVING, LOOP) for exact in (True, False)]
+    linear_part.cache_clear()
+    made = [linear_part(*one) for one in asked]
+    assert len(list((tmp_path / "linear parts").iterdir())) == len(asked)
+
+    def nobody(*_: object) -> None:
+        raise AssertionError("taken out once more")
+
+    monkeypatch.setattr(exponential, "_taken_out", nobody)
+    linear_part.cache_clear()
+    for part, one in zip(made, asked, strict=True):
+        kept = linear_part(*one)
+        assert kept is not part
+        assert (kept.blocks, kept.heard) == (part.blocks, part.heard)
+        for name in ("matrix", "rest", "slopes"):
+            assert getattr(kept, name).serialize() == getattr(part, name).serialize()
+    linear_part.cache_clear()
+
+
+def test_slopes_are_those_of_the_rest() -> None:
+    system = assemble(MOVING + CubicStiffness(), {})
+    x = np.array([0.3, -0.2, 0.5][: len(system.state_names)])
+    p = np.linspace(0.5, 1.5, len(system.parameter_names))
+    for exact in (True, False):
+        part = linear_part(system, exact)
+
+        def rest(state: FloatArray, part: LinearPart = part) -> FloatArray:
+            return np.array(part.rest(0.1, state, 2.0, -3.0, [], [], p)).ravel()
+
+        steps = 1e-6 * np.eye(x.size)
+        expected = np.stack([(rest(x + h) - rest(x - h)) / 2e-6 for h in steps], axis=1)
+        slopes = np.array(part.slopes(0.1, x, 2.0, -3.0, [], [], p))
+        np.testing.assert_allclose(slopes, expected, rtol=1e-6, atol=1e-6)
 
 
 def test_a_lag_that_something_follows_is_not_stepped_over() -> None:
