@@ -12,7 +12,7 @@ import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any, Final, final
@@ -23,6 +23,7 @@ from piezo_opt.effects.base import Chain, Effect, Equations, Place, Signal, Symb
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import ModelError
 from piezo_opt.keeping import digest, kept
+from piezo_opt.lazy import lazy
 from piezo_opt.symbolic import Expression, one_at_a_time
 
 _FUNCTIONS: Final = ("rate", "reading", "signals", "start", "becomes", "delay")
@@ -64,7 +65,7 @@ class System:
     becomes: ca.Function | None
     delay: ca.Function | None
 
-    @cached_property
+    @lazy
     @one_at_a_time
     def recipe(self) -> str:
         """All of what a program that simulates the system depends on, as one text."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -18,6 +17,7 @@ from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.shapes import resolving, shape_grid
 from piezo_opt.identification.tall import triangle
 from piezo_opt.identification.unknowns import theta_of, unknowns
+from piezo_opt.lazy import lazy
 from piezo_opt.simulation import Initial, Simulator, Substeps
 
 FloatArray = NDArray[np.float64]
@@ -167,7 +167,7 @@ class BasePoint:
             found.append(Direction(dict(shapes), whole, self.project(whole)))
         return found
 
-    @cached_property
+    @lazy
     def substeps(self) -> tuple[Substeps, ...]:
         """Those on which derivatives by absent gates are simulated, for each record.
 

@@ -8,7 +8,7 @@ transpose of that, is one sparse triangular solve: linear in the number of sampl
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from typing import Any, final
 
 import numpy as np
@@ -21,6 +21,7 @@ from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import ModelError
 from piezo_opt.identification import Fit
+from piezo_opt.lazy import lazy
 from piezo_opt.simulation import Initial, Simulator
 from piezo_opt.simulation.transitions import Transitions
 
@@ -93,7 +94,7 @@ class Entering:
         u, s, _ = np.linalg.svd(moved, full_matrices=False)
         return np.asarray(u[:, s > 1e-9 * s.max(initial=0.0)])
 
-    @cached_property
+    @lazy
     def residual(self) -> FloatArray:
         """Measured minus modelled (M,) [m], less what :meth:`project` removes."""
         return self.project(self.point.residual)

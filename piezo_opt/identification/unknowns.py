@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.effects.base import Parameter, Place
 from piezo_opt.identification.problem import Identification, Prior, Start, plain
+from piezo_opt.lazy import lazy
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation import INITIAL
 from piezo_opt.values import Values
@@ -54,27 +54,27 @@ class Unknowns:
     kept: Values
     records: int
 
-    @cached_property
+    @lazy
     def names(self) -> tuple[str, ...]:
         """Full names in order."""
         return tuple(u.name for u in self.members)
 
-    @cached_property
+    @lazy
     def scale(self) -> FloatArray:
         """Sizes in order."""
         return _kept([u.scale for u in self.members])
 
-    @cached_property
+    @lazy
     def low(self) -> FloatArray:
         """Lower bounds in order."""
         return _kept([u.low for u in self.members])
 
-    @cached_property
+    @lazy
     def high(self) -> FloatArray:
         """Upper bounds in order."""
         return _kept([u.high for u in self.members])
 
-    @cached_property
+    @lazy
     def relative(self) -> NDArray[np.bool_]:
         """Which change in proportion."""
         relative = np.array([u.relative for u in self.members], dtype=bool)
@@ -93,7 +93,7 @@ class Unknowns:
                 numbers[unknown.local] = number
         return numbers
 
-    @cached_property
+    @lazy
     def _kept_of_records(self) -> tuple[Values, ...]:
         """What is kept, as each record's simulator needs it: asked for at every simulation."""
         return tuple(self.kept.of_record(index) for index in range(self.records))

@@ -9,7 +9,6 @@ which makes the derivative by T exact.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from typing import final
 from weakref import WeakKeyDictionary
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, signal
 
 from piezo_opt.errors import InputError
+from piezo_opt.lazy import lazy
 from piezo_opt.measurement import Between, Measurement
 
 FloatArray = NDArray[np.float64]
@@ -65,29 +65,29 @@ class Segment:
     travel: FloatArray
     """How far the measured motion goes in each segment, there and back [m]."""
 
-    @cached_property
+    @lazy
     def readings(self) -> int:
         """Number of readings taken."""
         return int((self.reading >= 0).sum())
 
-    @cached_property
+    @lazy
     def moves(self) -> FloatArray:
         """How far the drive moves in each segment [V]."""
         return np.asarray(np.abs(self.slope) * self.length)
 
-    @cached_property
+    @lazy
     def lengths(self) -> int:
         """Number of different lengths."""
         return int(np.unique(self.length).size)
 
-    @cached_property
+    @lazy
     def by_slope(self) -> tuple[int, ...]:
         """Indices of a segment of the least, the median and the largest slope; each once."""
         steep = np.abs(self.slope)
         middle = int(np.argsort(steep, kind="stable")[steep.size // 2])
         return tuple(dict.fromkeys((int(steep.argmin()), middle, int(steep.argmax()))))
 
-    @cached_property
+    @lazy
     def even(self) -> Segment:
         """Lengths without the rounding of time stamps, so that equal ones are the same number.
 
@@ -97,7 +97,7 @@ class Segment:
         large = 8.0 * float(np.abs(self.time + self.length).max(initial=0.0))
         return replace(self, length=(self.length + large) - large)
 
-    @cached_property
+    @lazy
     def addresses(self) -> Addresses:
         """Where the columns lie in memory, for the C program."""
         found = {}
@@ -127,7 +127,7 @@ class Drive:
     closed: Drive | None = None
     """The first period, closed on itself, of a record that has a period."""
 
-    @cached_property
+    @lazy
     def sampled(self) -> Segment:
         """The time axis of a chain without a delay that is read at the record's samples."""
         return segments(self, self.channel_time)

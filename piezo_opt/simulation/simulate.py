@@ -6,7 +6,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from functools import cached_property
 from typing import Final, final
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from piezo_opt.assembly import System, assemble, folded
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, ModelError
+from piezo_opt.lazy import lazy
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation.accuracy import Accuracy, Substeps, choose
 from piezo_opt.simulation.engine import Ceiling, Engine, Run, engine
@@ -140,22 +140,22 @@ class Simulator:
         """Whether machine code runs."""
         return self._plain.compiled
 
-    @cached_property
+    @lazy
     def _plain(self) -> Engine:
         """The engine without directions; hundreds of searches ask for sensitivities only."""
         return engine(self.system, (), self._prefer_compiled, self.exact)
 
-    @cached_property
+    @lazy
     def _sensitive(self) -> Engine:
         """The engine with all directions; a periodic start needs those of the start as well."""
         beside = self._initials if self.initial is Initial.PERIODIC else ()
         return engine(self.system, (*self.directions, *beside), self._prefer_compiled, self.exact)
 
-    @cached_property
+    @lazy
     def _monodromy(self) -> Engine:
         return engine(self.system, self._initials, self._prefer_compiled, self.exact)
 
-    @cached_property
+    @lazy
     def _once(self) -> Segment:
         """One period, read at its samples, which shows how far each state moves."""
         closed = self._drive.closed
@@ -260,7 +260,7 @@ class Simulator:
     def _ceiling(self, most: float | None) -> Ceiling | None:
         return None if most is None else Ceiling(self._measured, most)
 
-    @cached_property
+    @lazy
     def _measured(self) -> FloatArray:
         """The record's counted positions, NaN elsewhere."""
         return np.where(self.record.counted, self.record.position, np.nan)

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from typing import final
 
@@ -24,6 +23,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
+from piezo_opt.lazy import lazy
 from piezo_opt.simulation.scheme import INITIAL, INPUTS, Scheme, scheme
 from piezo_opt.simulation.simulate import Simulator
 
@@ -42,7 +42,7 @@ class Answer:
     e: FloatArray
     d: FloatArray
 
-    @cached_property
+    @lazy
     def moves_states(self) -> bool:
         """Whether the correction acts on more than the reading itself."""
         return bool(self.b.any() or self.e.any())
