@@ -386,6 +386,13 @@ def climb(
             settled = way.reconsidered(at)
             at = way.scored(settled)
             lost = way.lost(at)
+        if lost and not (at.steps or renewed):
+            # Where nothing was found one effect from a fresh start is asked in far less time, too.
+            renewed = True
+            again = way.afresh(at)
+            if again is not None:
+                at, ended = again, nothing_to_win(again.fit)
+                continue
         if lost:
             paired = True
             # A pair is believed for what it explains here, whatever it does for the other record.

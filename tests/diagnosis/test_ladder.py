@@ -567,6 +567,42 @@ def test_details_come_before_pairs_and_pairs_are_asked_for_once(
     assert [step.name for step in top.steps] == [step.name for step in ladder.steps]
 
 
+@pytest.mark.parametrize(
+    ("helped", "asked"), [(True, ["choice", "afresh"]), (False, ["choice", "afresh", "together"])]
+)
+def test_where_nothing_was_found_one_effect_is_asked_afresh_before_pairs(
+    two: tuple[Ladder, HeldOut], monkeypatch: pytest.MonkeyPatch, helped: bool, asked: list[str]
+) -> None:
+    """Pairs take several times as long, and each way is asked once."""
+    ladder, held = two
+    order: list[str] = []
+    top = module._Stand(ladder.final, None, (), ladder.steps)
+
+    def choice(_: Any, at: Any) -> Any:
+        order.append("choice")
+        return at, None
+
+    def afresh(*_: Any) -> Any:
+        order.append("afresh")
+        return top if helped else None
+
+    def together(*_: Any) -> None:
+        order.append("together")
+
+    monkeypatch.setattr(module, "scored", lambda *_: ((), ()))
+    monkeypatch.setattr(module, "astray", lambda fit, *_, **__: fit is ladder.baseline)
+    monkeypatch.setattr(module, "nothing_to_win", lambda fit: fit is ladder.final)
+    monkeypatch.setattr(module, "short_of_noise", lambda fit, *_, **__: fit is ladder.baseline)
+    monkeypatch.setattr(module, "shows_more", lambda _: True)
+    for name, way in (("choice", choice), ("afresh", afresh), ("together", together)):
+        monkeypatch.setattr(module._Climb, name, way)
+    for name in ("reconsidered", "grouped", "detailed"):
+        monkeypatch.setattr(module._Climb, name, lambda _, at: at)
+    reached = climb(ladder.baseline, held, [])
+    assert order == asked
+    assert reached.final is (ladder.final if helped else ladder.baseline)
+
+
 def named_at_once(monkeypatch: pytest.MonkeyPatch, ladder: Ladder) -> None:
     """A climb whose first choice leads to the top of a ladder, where only noise seems left."""
     choices = iter([(SimpleNamespace(suspect=True), None, ())])
