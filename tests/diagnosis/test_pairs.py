@@ -254,6 +254,7 @@ def test_what_a_pair_does_not_need_is_dropped_at_the_end(monkeypatch: pytest.Mon
     steps = [pairs._step(foot, both, name) for name in ("creep", "drift")]
     monkeypatch.setattr(climbing, "refits", lambda *_, **__: ([], []))
     monkeypatch.setattr(climbing, "astray", lambda *_, **__: True)
+    monkeypatch.setattr(climbing._Climb, "afresh", lambda *_: None)
     monkeypatch.setattr(climbing, "pair", lambda *_, **__: (both, steps))
     climbed = climb(foot, hold_out(question, test), [Creep(elements=1), Drift()])
     assert [step.name for step in climbed.steps] == ["creep"]
