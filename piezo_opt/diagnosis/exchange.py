@@ -20,7 +20,17 @@ from piezo_opt.diagnosis.detail import in_detail
 from piezo_opt.diagnosis.grouping import group_of
 from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, rms
 from piezo_opt.diagnosis.refinements import explained, plausible, shape_refinements
-from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, adding, bic_gain, judged, race, solved
+from piezo_opt.diagnosis.rung import (
+    STRONG,
+    Rung,
+    Trial,
+    adding,
+    bic_gain,
+    judged,
+    numbers,
+    race,
+    solved,
+)
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.shortlist import scored, shortlist
 from piezo_opt.diagnosis.steps import Step, freedom
@@ -34,6 +44,8 @@ _NEAR = 1.5
 """Error over the best rival's up to which another one is tried in more detail."""
 _MOST = 3
 """Rivals that are tried so."""
+_HARDLY = 0.95
+"""Error of a rival over that of a step as it stands from which the one hardly does better."""
 _AHEAD = 0.8
 """Error of a later step alone over that of the first one alone up to which it comes first."""
 
@@ -103,6 +115,8 @@ def exchange(
             # Who leaves but noise here was refused by the other record: a detail may be missing.
             seen = _in_shape(seen, threads)
             rival = _rival(fit, step, seen, held, threads)
+        if rival is not None and rival.suspect is not None:
+            rival = _against_details(fit, step, seen, rival, held, threads)
         if rival is not None and rival.suspect is not None:
             gone.append((step.name, rival.suspect.name))
             fit = rival.fit
@@ -265,6 +279,23 @@ def _rival(fit: Fit, step: Step, seen: _Seen, held: HeldOut, threads: int) -> Ru
     if finer is best.fit or not _reaches(finer, fit, held):
         return None
     return replace(best, fit=finer, delta_bic=bic_gain(seen.poorer, finer))
+
+
+def _against_details(
+    fit: Fit, step: Step, seen: _Seen, rival: Rung, held: HeldOut, threads: int
+) -> Rung:
+    """A rival; the step in detail of its own where that is strongly better than who hardly was.
+
+    With more parameters a law does what another one does in its details.
+    """
+    hardly = rival.fit.rms > _HARDLY * fit.rms and numbers(rival.fit) > numbers(fit)
+    own = _standing(fit, step, seen)
+    if own is None or not hardly or (rival.suspect and rival.suspect.name == step.name):
+        return rival
+    finer = in_detail(fit, threads)
+    if bic_gain(rival.fit, finer) < STRONG or not _reaches(finer, fit, held):
+        return rival
+    return replace(own, fit=finer, delta_bic=bic_gain(seen.poorer, finer))
 
 
 def _reaches(after: Fit, before: Fit, held: HeldOut) -> bool:

@@ -305,6 +305,47 @@ def test_a_rival_that_predicts_worse_is_asked_again_in_detail(
         assert (found.fit, found.suspect, found.delta_bic) == (finer, suspect, 2.0 * STRONG)
 
 
+@pytest.mark.parametrize(
+    ("name", "error", "number", "evidence", "there", "stays"),
+    [
+        ("mount", 0.99, 5, 1.01 * STRONG, 1.0, True),
+        ("friction", 0.99, 5, 1.01 * STRONG, 1.0, False),  # it is the step itself
+        ("mount", 0.94, 5, 1.01 * STRONG, 1.0, False),  # it does far better
+        ("mount", 0.99, 4, 1.01 * STRONG, 1.0, False),  # with as few parameters
+        ("mount", 0.99, 5, 0.99 * STRONG, 1.0, False),  # details do hardly better
+        ("mount", 0.99, 5, 1.01 * STRONG, 1.01, False),  # and miss the other record
+    ],
+)
+def test_a_law_with_more_parameters_is_compared_with_a_step_in_its_details(
+    name: str, error: float, number: int, evidence: float, there: float, stays: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """A friction with a Stribeck term was a mount, which does what that does nearly as well."""
+    standing = SimpleNamespace(rms=1.0, held=1.0, numbers=4)
+    finer, poorer = SimpleNamespace(rms=0.98, held=there), SimpleNamespace()
+    richer = SimpleNamespace(rms=error, held=0.9, numbers=number)
+    suspects: Any = [SimpleNamespace(name="friction"), SimpleNamespace(name=name)]
+    own, rival = (
+        Rung(Trial(None, {}, suspect), fit, 50.0)  # type: ignore[arg-type]
+        for suspect, fit in zip(suspects, (standing, richer), strict=True)
+    )
+
+    def gain(before: Any, after: Any) -> float:
+        assert after is finer
+        return evidence if before is richer else 70.0
+
+    monkeypatch.setattr(module, "_standing", lambda *_: own)
+    monkeypatch.setattr(module, "numbers", lambda of: of.numbers)
+    monkeypatch.setattr(module, "bic_gain", gain)
+    monkeypatch.setattr(module, "elsewhere", lambda of, _: np.full(4, of.held))
+    monkeypatch.setattr(module, "in_detail", lambda of, _: finer if of is standing else None)
+    step, seen = SimpleNamespace(name="friction"), SimpleNamespace(poorer=poorer)
+    given: Any = (standing, step, seen, rival, None, 1)
+    found = module._against_details(*given)
+    expected = (finer, suspects[0], 70.0) if stays else (richer, suspects[1], 50.0)
+    assert (found.fit, found.suspect, found.delta_bic) == expected
+
+
 @pytest.mark.parametrize(("leaves_noise", "asked"), [(False, True), (True, False)])
 def test_details_are_asked_for_where_who_explains_is_refused(
     records: tuple[po.Measurement, po.Measurement],
