@@ -182,6 +182,7 @@ def test_the_last_step_is_asked_only_where_it_was_judged_beside_something_else(
     seen = SimpleNamespace(poorer=None, ranked=(), suspects=(), shaped=True)
     monkeypatch.setattr(module, "_seen", lambda *_: seen)
     monkeypatch.setattr(module, "_rival", rival)
+    monkeypatch.setattr(module, "_against_details", lambda _, __, ___, found, *____: found)
     monkeypatch.setattr(module, "group_of", lambda *_: ())
     monkeypatch.setattr(module, "elsewhere", lambda *_: None)
     monkeypatch.setattr(module, "_retold", lambda _, __, steps, *___: steps)
