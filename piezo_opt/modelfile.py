@@ -100,7 +100,7 @@ class ModelFile:
 
 
 def read_model(path: str | os.PathLike[str]) -> ModelFile:
-    """Read a model file (.toml), or the JSON file of a fit (.json).
+    """Read a model file (.toml), or the JSON file of a fit or a diagnosis (.json).
 
     Raises:
         InputError: one sentence with the file, the key, what is wrong and what to do.
@@ -150,9 +150,12 @@ def _from_toml(file: Path, data: Mapping[str, Any]) -> ModelFile:
 
 
 def _from_fit(file: Path, data: Mapping[str, Any]) -> ModelFile:
+    if isinstance(data.get("final_model"), Mapping):
+        # The JSON of a diagnosis holds the whole fit that it ended with.
+        data = data["final_model"]
     parameters = data.get("parameters")
     if not isinstance(parameters, Mapping) or not isinstance(data.get("model"), Mapping):
-        raise InputError(f"{file}: is not the JSON of a fit: write one with fit --json")
+        raise InputError(f"{file}: is not the JSON of a fit or a diagnosis: write one with --json")
     model = _model(file, data["model"])
     values: dict[str, float] = {}
     fixed: dict[str, float] = {}

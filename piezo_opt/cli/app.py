@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+import tempfile
+import traceback
 from importlib.metadata import version as installed
 from typing import Annotated, Any, final
 
 import typer
 from typer.core import TyperGroup
+from typer.exceptions import TyperException
 
 from piezo_opt.cli.bench import bench
 from piezo_opt.cli.compare import compare
@@ -15,12 +19,13 @@ from piezo_opt.cli.diagnose import diagnose
 from piezo_opt.cli.fit import fit
 from piezo_opt.cli.report import report
 from piezo_opt.cli.simulate import simulate
+from piezo_opt.cli.solving import INTERRUPTED
 from piezo_opt.errors import PiezoOptError
 
 __all__ = ["app", "main"]
 
 BAD_INPUT = 2
-INTERRUPTED = 130
+FAILED = 1
 
 
 @final
@@ -40,6 +45,28 @@ class _OneSentence(TyperGroup):
         except KeyboardInterrupt:
             typer.echo("Interrupted before there was a result.", err=True)
             raise typer.Exit(INTERRUPTED) from None
+        except _ITS_OWN:
+            raise
+        except Exception as error:
+            typer.echo(_to_send(error), err=True)
+            raise typer.Exit(FAILED) from None
+
+
+_ITS_OWN = (TyperException, typer.Exit, typer.Abort)
+"""What the command-line library raises on purpose, to be told or to end."""
+
+
+def _to_send(error: Exception) -> str:
+    """Writes down where an error of the package's own happened, and says so."""
+    with tempfile.NamedTemporaryFile(
+        "w", encoding="utf-8", prefix="piezo-opt-", suffix=".txt", delete=False
+    ) as file:
+        file.write(f"piezo-opt {installed('piezo_opt')}\n{' '.join(sys.argv)}\n\n")
+        traceback.print_exception(error, file=file)
+    return (
+        f"An error of the program itself, not of the input: {type(error).__name__}. What was "
+        f"printed before holds. Please send {file.name} with a description of the record."
+    )
 
 
 app = typer.Typer(

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.candidates import Candidates, read_candidates
 from piezo_opt.cli.choices import TranscriptionName
 from piezo_opt.cli.inputs import DEFAULT, Reading, asked, parted
-from piezo_opt.cli.solving import Solving, leave
-from piezo_opt.diagnosis import Diagnosis
+from piezo_opt.cli.solving import INTERRUPTED, Solving, exit_code, leave
+from piezo_opt.cli.telling import telling
+from piezo_opt.diagnosis import Diagnosis, Stopped
 from piezo_opt.diagnosis import diagnose as examine
 from piezo_opt.diagnosis.advice import write_drives
 from piezo_opt.effects.catalogue import effect
 from piezo_opt.errors import InputError
+from piezo_opt.identification import Identification
 from piezo_opt.measurement import Campaign, Measurement
+from piezo_opt.units import quantity
 
 
 def diagnose(
@@ -35,9 +36,21 @@ def diagnose(
         Path | None,
         typer.Option(metavar="FILE.py", help="Effects of your own, beside the catalogue."),
     ] = None,
+    add: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Effect that is in the model from the beginning."),
+    ] = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Effect taken out of the model, and not considered."),
+    ] = None,
     withhold: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME", help="Effect not to be considered; repeat for more."),
+    ] = None,
+    max_time: Annotated[
+        str | None,
+        typer.Option(metavar="'60 s'", help="Then give the best so far. No limit by default."),
     ] = None,
     rivals: Annotated[
         bool | None,
@@ -71,7 +84,8 @@ def diagnose(
 
     Fits the model, scores every absent effect, adds the likeliest, and keeps it when the
     samples that were not fitted agree: those of --test, those after --split, or else the last
-    part of the record.
+    part of the record. Ctrl-C and --max-time give the best so far, with every file that was asked
+    for; the exit code is 130 after Ctrl-C.
 
     \b
     Examples:
@@ -79,43 +93,70 @@ def diagnose(
       piezo-opt diagnose train.csv --test other.csv --json diagnosis.json
       piezo-opt diagnose loop.csv --model mine.toml --candidates effects.py
       piezo-opt diagnose loop.csv --rivals
+      piezo-opt diagnose loop.csv --add creep --without hysteretic_force --max-time "60 s"
     """
     if test is not None and split is not None:
         raise InputError("--test and --split both say what to judge on: give one of them")
     outputs.check({"--json": json, "--report": report}, overwrite=overwrite)
     if drives is not None and not drives.is_dir():
         raise InputError(f"--drives {drives}: there is no such folder: make it first")
-    for name in withhold or ():
+    withheld = (*(withhold or ()), *(without or ()))
+    for name in withheld:
         effect(name)
+    seconds = None if max_time is None else quantity(max_time, "s")
     own = Candidates() if candidates is None else read_candidates(candidates)
     reading = Reading(time, drive, position, record, between, period, startup)
     train, later = parted(reading.records(records), split)
     held_out = _judge(later) if test is None else reading.single(test)
     question, remarks = asked(model, train, start)
-    baseline = Solving(solver, transcription).fit(question, remarks)
+    question = _overruled(question, add or (), without or ())
+    baseline = Solving(solver, transcription).fit(question, remarks, "Base model")
+    if exit_code(baseline):
+        typer.echo(str(baseline))
     leave(baseline)
-    with _telling() as tell:
+    with telling("Diagnosis") as tell:
         found = examine(
             baseline,
             test=held_out,
             candidates=own.effects,
-            withhold=tuple(withhold or ()),
+            withhold=withheld,
             rivals=rivals,
+            max_time=seconds,
             progress=tell,
         )
-    if json is not None:
-        outputs.write_json(json, found.to_dict(), overwrite=overwrite)
-    if report is not None:
-        from piezo_opt.report import write_report
-
-        write_report(report, found, overwrite=overwrite)
     typer.echo(str(found))
     # What the first fit left out, the ladder may have found.
     joined = baseline.model.quasi_static and not found.final.model.quasi_static
     for sentence in (*own.remarks, *(() if joined else remarks)):
         typer.echo(f"Remark: {sentence}")
+    if json is not None:
+        outputs.write_json(json, found.to_dict(), overwrite=overwrite)
     if drives is not None:
         _play(found, drives, overwrite=overwrite)
+    if report is not None:
+        from piezo_opt.report import write_report
+
+        write_report(report, found, overwrite=overwrite)
+    if found.stopped is Stopped.USER:
+        raise typer.Exit(INTERRUPTED)
+
+
+def _overruled(
+    question: Identification, add: Sequence[str], without: Sequence[str]
+) -> Identification:
+    """The question with what the user puts into the model or takes out of it."""
+    both = sorted(set(add) & set(without))
+    if both:
+        raise InputError(f"--add and --without both name {both[0]}: give one of them")
+    model = question.model
+    for name in add:
+        added = effect(name)
+        if name in model:
+            raise InputError(f"--add {name}: the model has it already: leave the option out")
+        model = model + added
+    for name in without:
+        model = model.without(name) if name in model else model
+    return question if model is question.model else question.with_model(model)
 
 
 def _judge(later: Campaign | None) -> Measurement | None:
@@ -134,14 +175,3 @@ def _play(found: Diagnosis, folder: Path, *, overwrite: bool) -> None:
         return
     for file in write_drives(found.experiments, folder, overwrite=overwrite):
         typer.echo(f"Drive: {file}")
-
-
-@contextmanager
-def _telling() -> Iterator[Callable[[str], None] | None]:
-    """Shows what is going on, on a terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
-    with console.status("Diagnosis") as status:
-        yield lambda sentence: status.update(f"Diagnosis: {sentence}")

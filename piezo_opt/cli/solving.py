@@ -12,12 +12,15 @@ from pathlib import Path
 from typing import final
 
 import typer
-from rich.console import Console
 
 from piezo_opt.cli import choices
 from piezo_opt.cli.choices import SolverName, TranscriptionName
+from piezo_opt.cli.telling import telling
 from piezo_opt.identification import Ending, Fit, Identification, Progress, solve
 from piezo_opt.units import show
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells give it: 128 and the number of the signal."""
 
 
 @final
@@ -34,7 +37,7 @@ class Solving:
 
     def fit(self, question: Identification, remarks: tuple[str, ...], what: str = "Fit") -> Fit:
         """Solve, showing how far it is on a terminal; the remarks join those of the fit."""
-        with _progress(what) as tell, pool(self.workers) as executor:
+        with telling(what) as tell, pool(self.workers) as executor:
             answer = solve(
                 question,
                 transcription=choices.transcription(self.transcription),
@@ -43,14 +46,14 @@ class Solving:
                 seed=self.seed,
                 executor=executor,
                 log=self.log,
-                progress=tell,
+                progress=_counted(tell),
             )
         return replace(answer, remarks=(*remarks, *answer.remarks))
 
 
 def exit_code(fit: Fit) -> int:
     """0; 130 after an interrupt, as a shell expects."""
-    return 130 if fit.outcome.ending is Ending.INTERRUPTED else 0
+    return INTERRUPTED if fit.outcome.ending is Ending.INTERRUPTED else 0
 
 
 def leave(fit: Fit) -> None:
@@ -84,18 +87,13 @@ def _deaf() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-@contextmanager
-def _progress(what: str) -> Iterator[Callable[[Progress], None] | None]:
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
-    with console.status(f"{what}: looking for start values") as status:
+def _counted(tell: Callable[[str], None]) -> Callable[[Progress], None]:
+    """An iteration in words."""
 
-        def tell(progress: Progress) -> None:
-            status.update(
-                f"{what}: iteration {progress.iteration}, rms {show(progress.rms, 'm')}, "
-                f"{progress.elapsed_s:.1f} s (Ctrl-C keeps the best so far)"
-            )
+    def told(progress: Progress) -> None:
+        tell(
+            f"iteration {progress.iteration}, rms {show(progress.rms, 'm')}, "
+            f"{progress.elapsed_s:.1f} s (Ctrl-C keeps the best so far)"
+        )
 
-        yield tell
+    return told

@@ -1,6 +1,6 @@
 """Diagnosis: where a model fails, which effect is missing, and whether adding it holds."""
 
-from piezo_opt.diagnosis.diagnose import Diagnosis, diagnose
+from piezo_opt.diagnosis.diagnose import Diagnosis, Stopped, diagnose
 from piezo_opt.diagnosis.forces import Force, correction_force, forces
 from piezo_opt.diagnosis.formula import Formula
 from piezo_opt.diagnosis.trajectory import Quantity
@@ -11,6 +11,7 @@ __all__ = [
     "Force",
     "Formula",
     "Quantity",
+    "Stopped",
     "Unexplained",
     "correction_force",
     "diagnose",

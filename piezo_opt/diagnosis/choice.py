@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +21,7 @@ from piezo_opt.diagnosis.refinements import (
 from piezo_opt.diagnosis.rung import STRONG, WORTH, Rung, Trial, adding, finely, race
 from piezo_opt.diagnosis.scores import Suspect, effective_samples
 from piezo_opt.diagnosis.shortlist import entrants, further, jointly, scored, shortlist
+from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.identification import Fit
 
@@ -229,7 +229,7 @@ def ordered(
         return [(rung, None) for rung in first]
     near = _IN_SIGHT * min(r.fit.rms for r in rungs)
     close = [r for r in rungs if r.fit.rms <= near]
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         # Each fit once: some of them are of several rungs.
         fits = list(dict.fromkeys(r.fit for r in close))
         found = dict(zip(fits, pool.map(lambda f: elsewhere(f, held), fits), strict=True))

@@ -10,7 +10,6 @@ of their shapes, and only then compared.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import final
@@ -31,6 +30,7 @@ from piezo_opt.diagnosis.refinements import (
 )
 from piezo_opt.diagnosis.rung import Rung, Trial, bic_gain, judged, numbers, solved
 from piezo_opt.diagnosis.scores import Suspect
+from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Place
 from piezo_opt.effects.motion.second_order import SecondOrder
@@ -100,7 +100,7 @@ def contest(
         still = [r for r in named if massless(r.fit) and r.fit.rms < _UNEQUIPPED * best.rms]
         equipped = [] if closest.model.quasi_static else still[:_MOST]
         alone = len(level) < 2 and not equipped
-        with ThreadPoolExecutor(max_workers=threads) as pool:
+        with Pool(max_workers=threads) as pool:
             asked = [] if alone else [*level, *(r for r in equipped if r not in level)]
             detailed = list(pool.map(at_its_best, asked))
             # Whoever has fewer parameters may do exactly what a law with more freedom has found.
@@ -116,7 +116,7 @@ def contest(
     if any(not effect.structural for _, effect in fit.model):
         # Beside what was found the base model is bent less: who helps at all shows it at once.
         contenders = [r for r in contenders if r.fit.rms < _HELPS * fit.rms]
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         chances = list(pool.map(lambda r: _chance(fit, r, given, threads), contenders))
         least = min((chance.rung.fit for chance in chances), key=lambda f: f.rms, default=best)
         # Where one of them leaves but noise nobody is helped by more than his forms any more, and
@@ -188,7 +188,7 @@ def _chance(fit: Fit, rung: Rung, given: Identification, threads: int) -> _Chanc
     """The best that a contender can be brought to from where it is and from a fresh start."""
     suspect = rung.suspect
     assert suspect is not None
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         founded = pool.submit(_founded, fit, rung, threads)
         first, second = _fresh(fit, suspect, given, threads)
         fresh = list(pool.map(lambda trial: _fitted(fit, trial, suspect), first))
@@ -287,7 +287,7 @@ def _best(
     beyond: float = float("inf"),
 ) -> Rung:
     """A contender as what it is tried as, where that is worth what it costs."""
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         tried = list(pool.map(lambda trial: _fitted(fit, trial, suspect, beyond), trials))
     for other in tried:
         if other is not None and bic_gain(best.fit, other.fit) > 0:

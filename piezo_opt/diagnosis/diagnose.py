@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from typing import Any, final
 
 from piezo_opt.diagnosis.advice import Advice, experiments
@@ -17,6 +19,7 @@ from piezo_opt.diagnosis.rivals import Rival, in_words
 from piezo_opt.diagnosis.rivals import rivals as refitted
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, score
 from piezo_opt.diagnosis.steps import Step
+from piezo_opt.diagnosis.stopping import TimeLimit
 from piezo_opt.diagnosis.structure import Structure, structure
 from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
 from piezo_opt.effects.base import Effect, Place
@@ -39,6 +42,13 @@ _CARRIES, _AS_SLOW = 3.0, 1.5
 """Held-out over fitted error from which an explanation does not carry over; where it leaves more
 than noise at the highest frequencies: slower noise would be as large on the other record."""
 SCHEMA = "piezo_opt/diagnosis/1"
+
+
+class Stopped(Enum):
+    """Who ended a diagnosis before it had come to its end."""
+
+    LIMIT = "time limit"
+    USER = "user"
 
 
 @final
@@ -67,6 +77,8 @@ class Diagnosis:
             where more than noise is left, unless :func:`diagnose` was told otherwise.
         foot: errors of the baseline on the part that is fitted and on the held-out one; None
             without a ladder.
+        stopped: who ended it early, where somebody did; the rest is the best so far.
+        elapsed_s: what it took [s].
     """
 
     fit: Fit
@@ -85,6 +97,8 @@ class Diagnosis:
     unexplained: Unexplained | None = None
     rivals: tuple[Rival, ...] = ()
     foot: Point | None = None
+    stopped: Stopped | None = None
+    elapsed_s: float = 0.0
 
     def best(self) -> Effect:
         """The likeliest missing effect, to be added with ``model + diagnosis.best()``.
@@ -157,6 +171,9 @@ class Diagnosis:
             "noise_measured": self.noise.measured,
             "rms_baseline": self.fit.rms,
             "rms_final": self.final.rms,
+            "interrupted": self.stopped is not None,
+            "stopped_by": None if self.stopped is None else self.stopped.value,
+            "elapsed_s": self.elapsed_s,
             "steps": [
                 {
                     "effect": s.name,
@@ -204,10 +221,13 @@ class Diagnosis:
             "clues": list(self.structure.clues),
             "advice": list(self.advice),
             "experiments": [e.to_dict() for e in self.experiments],
+            "final_model": self.final.to_dict(),
         }
 
     def __str__(self) -> str:
         lines = [self.headline, "", self.noise.sentence, self.held_out, ""]
+        if self.foot is not None and not self.steps:
+            lines += [f"Baseline: {show(self.foot.rms, 'm')} fitted{_beside(self.foot)}.", ""]
         lines.append(f"  {'suspect':<22} {'explains':>9} {'rms then':>10} {'visible':>8} {'p':>9}")
         for s in self.suspects[:8]:
             lines.append(
@@ -245,6 +265,7 @@ def diagnose(
     threads: int = 2,
     advise: bool | None = None,
     rivals: bool | None = None,
+    max_time: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Name what is missing from a fitted model, and prove it on data that was not fitted.
@@ -262,17 +283,28 @@ def diagnose(
             own. Unless told, when the verdict is ``"unexplained"`` or more is left than the
             noise floor with its uncertainty; True compares them in any case, False never. A model
             without a hysteresis law has none to replace.
+        max_time: seconds after which no more is begun, and the best so far is given; None for no
+            limit. What is being refitted when it passes is finished first.
         progress: called with sentences about what is going on.
 
+    Returns:
+        the diagnosis. An interrupt (Ctrl-C) or the time limit gives the best so far, and
+        ``stopped`` says so.
+
     Raises:
-        InputError: ``rivals=True``, which refits, together with ``ladder=False``, which does not.
+        InputError: ``max_time`` is not a positive number; ``rivals=True``, which refits,
+            together with ``ladder=False``, which does not.
     """
     if rivals and not ladder:
         raise InputError(
             "rivals=True compares laws that are refitted, and ladder=False refits nothing: leave "
             "one of the two out."
         )
-    tell = progress if progress is not None else _silent
+    if max_time is not None and not (math.isfinite(max_time) and max_time > 0.0):
+        raise InputError(f"max_time={max_time}: give a positive number of seconds, or None")
+    began = time.monotonic()
+    limit = TimeLimit(max_time)
+    tell = limit.checking(progress if progress is not None else _silent)
     if not isinstance(fit, Fit):
         tell("fitting the base model")
         fit = _baseline(fit)
@@ -292,55 +324,102 @@ def diagnose(
         return Diagnosis(fit, fit, "open", noise, by_name(suspects), unscored)
     held = hold_out(fit.question, test)
     offered, unheard = _judgeable(offered, held.record)
-    baseline = _on(held, fit)
-    climbed = climb(baseline, held, offered, tell, threads)
+    try:
+        with limit:
+            baseline = _on(held, fit)
+            climbed = climb(baseline, held, offered, tell, threads)
+    except KeyboardInterrupt:
+        # Not even the scores are known.
+        return Diagnosis(
+            fit, fit, "open", noise, (), unheard, held_out=held.sentence, stopped=_who(limit),
+            elapsed_s=time.monotonic() - began,
+        )  # fmt: skip
     final = _whole(fit, climbed)
     floor = noise_floor(final)
-    left_over = _elsewhere(structure(final, floor), climbed, held, floor)
-    correction: Unexplained | None = None
-    if left_over.left or final.rms > _ABOVE * floor.rms:
-        tell("looking for the smallest correction")
-        correction = unexplained(final, floor, threads)
-    # What can be described as a function of the chain's own signals is no noise either.
-    described = correction is not None and correction.against is not None
-    explained = "missing" if climbed.steps else "complete"
-    verdict = "unexplained" if left_over.left or described else explained
-    others: tuple[Rival, ...] = ()
-    if verdict != "unexplained":
-        correction = None
-    # A force with a memory may come near to a loop of another law: what it leaves is then small.
-    doubtful = verdict == "unexplained" or final.rms > floor.high
-    wanted = doubtful if rivals is None else rivals
-    if wanted and fit.model.loop is not None:
-        tell("trying other hysteresis laws")
-        others = refitted(climbed.final, climbed.baseline, held, _laws(withhold), threads)
-    planned: tuple[Advice, ...] = ()
-    invisible: tuple[str, ...] = ()
-    if advise is not False:
-        hidden = advise is True or verdict == "complete"
-        if hidden or any(len(s.group) > 1 for s in climbed.steps):
-            tell("comparing drives for the next experiment")
-        planned, invisible = experiments(
-            fit, climbed.steps, final, offered, floor.rms, hidden=hidden, threads=threads
-        )
-    return Diagnosis(
+    found = Diagnosis(
         fit=fit,
         final=final,
-        verdict=verdict,
+        verdict="missing" if climbed.steps else "complete",
         noise=floor,
         suspects=climbed.suspects,
         unscored=(*climbed.unscored, *unheard),
         steps=climbed.steps,
         refined=climbed.refined,
         dropped=climbed.dropped,
-        structure=left_over,
+        structure=_elsewhere(structure(final, floor), climbed, held, floor),
         held_out=held.sentence,
-        experiments=planned,
-        invisible=invisible,
-        unexplained=correction,
-        rivals=others,
         foot=Point("baseline", baseline.rms, rms(elsewhere(baseline, held))),
     )
+    if climbed.interrupted:
+        verdict = found.verdict if climbed.steps else "open"
+        found = replace(found, verdict=verdict, stopped=_who(limit))
+    else:
+        try:
+            with limit:
+                found = _judged(found, tell, threads)
+                found = _with_rivals(found, climbed, held, _laws(withhold), rivals, tell, threads)
+                found = _with_experiments(found, offered, advise, tell, threads)
+        except KeyboardInterrupt:
+            found = replace(found, stopped=_who(limit))
+    return replace(found, elapsed_s=time.monotonic() - began)
+
+
+def _who(limit: TimeLimit) -> Stopped:
+    return Stopped.LIMIT if limit.passed else Stopped.USER
+
+
+def _judged(found: Diagnosis, tell: Callable[[str], None], threads: int) -> Diagnosis:
+    """With the verdict: whether what is left is noise, and if not, where a correction enters."""
+    floor, final = found.noise, found.final
+    correction: Unexplained | None = None
+    if found.structure.left or final.rms > _ABOVE * floor.rms:
+        tell("looking for the smallest correction")
+        correction = unexplained(final, floor, threads)
+    # What can be described as a function of the chain's own signals is no noise either.
+    described = correction is not None and correction.against is not None
+    if not (found.structure.left or described):
+        return found
+    return replace(found, verdict="unexplained", unexplained=correction)
+
+
+def _with_rivals(
+    found: Diagnosis,
+    climbed: Ladder,
+    held: HeldOut,
+    laws: list[type[Effect]],
+    asked: bool | None,
+    tell: Callable[[str], None],
+    threads: int,
+) -> Diagnosis:
+    """With other hysteresis laws in the place of the model's own, where they are wanted."""
+    # A force with a memory may come near to a loop of another law: what it leaves is then small.
+    doubtful = found.verdict == "unexplained" or found.final.rms > found.noise.high
+    wanted = doubtful if asked is None else asked
+    if not wanted or found.fit.model.loop is None:
+        return found
+    tell("trying other hysteresis laws")
+    others = refitted(climbed.final, climbed.baseline, held, laws, threads)
+    return replace(found, rivals=others)
+
+
+def _with_experiments(
+    found: Diagnosis,
+    offered: Sequence[Effect],
+    advise: bool | None,
+    tell: Callable[[str], None],
+    threads: int,
+) -> Diagnosis:
+    """With the drives worth playing next, where they are wanted."""
+    if advise is False:
+        return found
+    hidden = advise is True or found.verdict == "complete"
+    if hidden or any(len(s.group) > 1 for s in found.steps):
+        tell("comparing drives for the next experiment")
+    planned, invisible = experiments(
+        found.fit, found.steps, found.final, offered, found.noise.rms, hidden=hidden,
+        threads=threads,
+    )  # fmt: skip
+    return replace(found, experiments=planned, invisible=invisible)
 
 
 def _baseline(asked: Identification | Measurement | Iterable[Measurement]) -> Fit:
@@ -397,6 +476,10 @@ def _sentences(left: Unexplained | None) -> tuple[str, ...]:
     return () if left is None else (str(left),)
 
 
+def _beside(foot: Point) -> str:
+    return "" if foot.held_out is None else f", {worded(foot.held_out)} held out"
+
+
 def _finite(number: float | None) -> float | None:
     """JSON has neither NaN nor infinity: what is not known or not finite is null."""
     return None if number is None or not math.isfinite(number) else number
@@ -442,6 +525,16 @@ def _whole(fit: Fit, climbed: Ladder) -> Fit:
 
 
 def _headline(diagnosis: Diagnosis) -> str:
+    if diagnosis.stopped is None:
+        return _verdict(diagnosis)
+    ended = "the time limit passed" if diagnosis.stopped is Stopped.LIMIT else "it was interrupted"
+    if diagnosis.verdict == "open":
+        left = show(diagnosis.fit.rms, "m")
+        return f"Not finished: {ended} before an effect was accepted (rms {left})."
+    return f"Not finished, the best when {ended}. {_verdict(diagnosis)}"
+
+
+def _verdict(diagnosis: Diagnosis) -> str:
     before, after = show(diagnosis.fit.rms, "m"), show(diagnosis.final.rms, "m")
     if diagnosis.verdict == "open":
         return f"Scores at the fit (rms {before}); nothing was refitted."

@@ -11,7 +11,6 @@ ch. 3.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TypeAlias, final
@@ -34,6 +33,7 @@ from piezo_opt.diagnosis.rung import (
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.diagnosis.shortlist import scored, shortlist
 from piezo_opt.diagnosis.steps import Step, freedom
+from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit
@@ -150,7 +150,7 @@ def _in_order(
             return solved(fit.question.with_model(model), fit.values).rms
         return float("inf")
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         left = list(pool.map(alone, steps[1:]))
     if not left or min(left) > _AHEAD * steps[0].rms_after:
         return list(steps)
@@ -234,7 +234,7 @@ def _without(foot: Fit, fit: Fit, step: Step, threads: int) -> Fit | None:
         return None
 
     starts = (fit.values, {**fit.values, **foot.values})
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         found = [one for one in pool.map(begun, starts) if one is not None]
     return min(found, key=lambda f: f.rms, default=None)
 
@@ -254,7 +254,7 @@ def _in_shape(seen: _Seen, threads: int) -> _Seen:
         ]  # fmt: skip
         return race(seen.poorer, own, threads)
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         found = [rung for rungs in pool.map(shaped, list(names)[:_MOST]) for rung in rungs]
     more = [rung for rung in found if plausible(rung)]
     return replace(seen, ranked=judged(seen.poorer, [*seen.ranked, *more]), shaped=True)

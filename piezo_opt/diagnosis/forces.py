@@ -34,7 +34,6 @@ Methods for Ill-Posed Problems, ch. 3 (stopping by the discrepancy principle).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Final, TypeAlias, final
 
@@ -44,6 +43,7 @@ from scipy import linalg, signal
 
 from piezo_opt.diagnosis.entering import Entering
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
+from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.diagnosis.trajectory import Quantity
 from piezo_opt.effects.base import Place
 from piezo_opt.errors import InputError
@@ -198,7 +198,7 @@ def forces(
     chain = Entering(fit) if entering is None else entering
     floor = noise_floor(fit) if noise is None else noise
     hats = _hats(chain)
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         found = list(pool.map(lambda place: _force(chain, place, floor, hats), chain.places))
         return tuple(ranked(_with_products(chain, found, floor, hats, pool.map)))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -35,6 +34,7 @@ from piezo_opt.diagnosis.rung import STRONG, Rung, bic_gain, solved
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name
 from piezo_opt.diagnosis.shortlist import scored
 from piezo_opt.diagnosis.steps import Step, freedom, shaped_further, step_to, topped
+from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, with_statistics
@@ -68,6 +68,7 @@ class Ladder:
             (an exponent, a second pole), mechanics that joined, effects in another form.
         dropped: effects that a later step made unnecessary, or one that does better than all; and
             mechanics that only imitated what was missing.
+        interrupted: whether it was stopped on the way: the best so far.
     """
 
     baseline: Fit
@@ -77,6 +78,7 @@ class Ladder:
     unscored: tuple[Unscored, ...]
     refined: tuple[str, ...]
     dropped: tuple[str, ...]
+    interrupted: bool = False
 
 
 @final
@@ -251,7 +253,7 @@ class _Climb:
             self.tell(f"dropped {', '.join(spare)}")
         # Rivals pay for the base model's details, so the taken one was compared with them too.
         rung = lean(at.fit, rung, self.threads)
-        with ThreadPoolExecutor(max_workers=1) as pool:
+        with Pool(max_workers=1) as pool:
             ahead = pool.submit(elsewhere, rung.fit, self.held)
             alone = _unaided(rung) if at.steps else None
             error = ahead.result()
@@ -276,7 +278,7 @@ class _Climb:
         joined = any(e.structural and n not in before.fit.model for n, e in at.fit.model)
         if not at.steps or at.steps == before.steps:
             return self.placed(at, self.asked(at, last=joined))
-        with ThreadPoolExecutor(max_workers=2) as pool:
+        with Pool(max_workers=2) as pool:
             # Mostly nothing became unnecessary: what comes after is asked before that is known.
             places = pool.submit(self.asked, at, last=joined)
             scores = pool.submit(self.scored, at)
@@ -368,15 +370,40 @@ def climb(
         candidates: effects that may be added.
         tell: called with a sentence about what is going on.
         threads: refits that run at a time.
+
+    Returns:
+        the ladder; after an interrupt as far as it had been climbed.
     """
     tell("scoring every absent effect")
     suspects, unscored = scored(baseline, candidates, threads)
     way = _Climb(baseline, suspects, held, candidates, tell, threads)
     at = _Stand(baseline, elsewhere(baseline, held), suspects, scored_at=baseline)
+    reached = [at]
+    interrupted = False
+    try:
+        at = _to_the_top(way, at, reached)
+    except KeyboardInterrupt:
+        at, interrupted = reached[-1], True
+    return Ladder(
+        baseline,
+        at.fit,
+        tuple(_as_it_ended(step, at.fit) for step in at.steps),
+        by_name(suspects),
+        tuple(u for u in unscored if u.name not in at.fit.model),
+        tuple(name for name in at.refined if name.split(".")[0] in at.fit.model),
+        at.dropped,
+        interrupted,
+    )
+
+
+def _to_the_top(way: _Climb, at: _Stand, reached: list[_Stand]) -> _Stand:
+    """The stand where nothing more is to be won; ``reached`` gets every one on the way."""
+    baseline, held, tell = way.foot, way.held, way.tell
     bottom = at.error
     ended = paired = renewed = False
     settled: _Stand | None = None
     for _ in range(_MOST_ROUNDS):
+        reached.append(at)
         lost = not paired and way.lost(at, ended=ended)
         if lost and not ended:
             at = way.detailed(at)
@@ -416,6 +443,7 @@ def climb(
             richer = way.refined(at, rung, after)
         else:
             richer = way.named(at, rung, after, group)
+        reached.append(richer)
         at = way.revised(at, richer)
         ended = nothing_to_win(at.fit)
         if ended and _muted(at.fit):
@@ -424,6 +452,7 @@ def climb(
             ended = nothing_to_win(at.fit)
         if not ended:
             at = way.scored(at)
+    reached.append(at)
     if at.steps and (settled is None or settled.fit is not at.fit):
         at = way.reconsidered(at)
     if at.steps and at.touched:
@@ -438,15 +467,7 @@ def climb(
         at = at.unconfirmed
     if nothing_to_win(at.fit):
         at = way.grouped(at)
-    return Ladder(
-        baseline,
-        at.fit,
-        tuple(_as_it_ended(step, at.fit) for step in at.steps),
-        by_name(suspects),
-        tuple(u for u in unscored if u.name not in at.fit.model),
-        tuple(name for name in at.refined if name.split(".")[0] in at.fit.model),
-        at.dropped,
-    )
+    return at
 
 
 def _liberal(at: _Stand) -> bool:

@@ -14,7 +14,6 @@ together and neither alone; searches over pairs beside sequential ones).
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -37,6 +36,7 @@ from piezo_opt.diagnosis.refinements import (
 )
 from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain, judged, race
 from piezo_opt.diagnosis.steps import Step
+from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.model import Model
@@ -111,7 +111,7 @@ def pair(
     closest = sorted(rungs, key=_rms)[:_FINISHED]
     finished = [_finished(foot, end, rung, threads) for rung in closest[:1]]
     if finished and not nothing_to_win(finished[0].fit):
-        with ThreadPoolExecutor(max_workers=threads) as pool:
+        with Pool(max_workers=threads) as pool:
             finished += pool.map(lambda r: _finished(foot, end, r, threads), closest[1:])
     # One of so many was looked for.
     price = STRONG + 2.0 * float(np.log(max(1, len(likely) * (len(likely) - 1) // 2)))
@@ -149,7 +149,7 @@ def _alone(
             return Trial(joined, starting_values(joined, Monitor(())))
         return None
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         new = pool.map(begun, [model for model in asked if model not in fitted])
         trials = [trial for trial in new if trial is not None]
     rungs = race(
@@ -199,7 +199,7 @@ def _promising(question: Identification, likely: Sequence[_Alone], threads: int)
         for (a, first), (b, second) in combinations(points, 2)
         if (trial := _both(question, a, b)) is not None
     ]
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         errors = list(pool.map(left, asked))
     return [asked[k][0] for k in np.argsort(errors, kind="stable")[:_FITTED]]
 

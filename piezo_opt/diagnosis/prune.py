@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 
@@ -12,6 +11,7 @@ from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, rms
 from piezo_opt.diagnosis.refinements import plausible, shape_refinements, with_base_details
 from piezo_opt.diagnosis.rung import STRONG, WORTH, Trial, bic_gain, numbers, race, solved
 from piezo_opt.diagnosis.steps import Step, renamed, topped, without
+from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
@@ -50,7 +50,7 @@ def prune(
     while kept:
         judged = not (_shapes(kept[-1], kept, fit) or joined or last or dropped)
         asked = [n for n in names if n in fit.model and not (judged and n == kept[-1].name)]
-        with ThreadPoolExecutor(max_workers=threads) as pool:
+        with Pool(max_workers=threads) as pool:
             tried = list(pool.map(partial(_without, fit, held, threads), asked))
         spare = {
             name: least for name, least in zip(asked, tried, strict=True)
@@ -90,7 +90,7 @@ def _without(fit: Fit, held: HeldOut, threads: int, name: str) -> Fit | None:
             return Trial(fresh, begin(fresh, Monitor(())))
         return None
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         begins = (starting_values, *(_jointly(n) for n in later))
         trials += [trial for trial in pool.map(begun, begins) if trial is not None]
     freed = set(fit.question.free) - set(held.question.free)

@@ -7,7 +7,6 @@ of an actuator are there even where its first fit had to leave them out.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -16,6 +15,7 @@ import numpy as np
 
 from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.rung import STRONG, Rung, Trial, bic_gain, solved
+from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.motion.spring import Spring
@@ -119,7 +119,7 @@ def lean(fit: Fit, rung: Rung, threads: int) -> Rung:
         if k not in fit.question.free
         and (rung.fit.model[k.split(".")[0]].structural or k.split(".")[0] == own)
     ]  # fmt: skip
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         while spare:
             # Asked side by side; after one that goes the others are asked again, without it.
             few = spare[:threads]

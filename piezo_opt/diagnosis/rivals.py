@@ -7,7 +7,6 @@ BIC on the same effective samples and by held-out data.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import final
@@ -17,6 +16,7 @@ import numpy as np
 from piezo_opt.diagnosis.held_out import HeldOut, agrees, elsewhere, rms
 from piezo_opt.diagnosis.rung import STRONG, bic_gain
 from piezo_opt.diagnosis.scores import effective_samples
+from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, LevenbergMarquardt, SingleShooting, solve
@@ -95,7 +95,7 @@ def rivals(
         )
 
     others = [law for law in laws if law().name != own]
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         compared = [r for r in pool.map(one, others) if r is not None]
     return tuple(sorted(compared, key=lambda r: r.rms))
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
 from piezo_opt.diagnosis.scores import Suspect, effective_samples
+from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import (
     Ending,
@@ -213,7 +213,7 @@ def race(
             return rung
         return replace(rung, fit=richer, delta_bic=bic_gain(fit, richer))
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         rungs = [replace(rung, delta_bic=bic_gain(fit, rung.fit)) for rung in begun]
         rungs += [rung for rung in pool.map(one, trials) if rung is not None]
         if not rungs:

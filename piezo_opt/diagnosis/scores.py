@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import final
 
@@ -29,6 +28,7 @@ from numpy.typing import NDArray
 from scipy import fft, special
 
 from piezo_opt.diagnosis.base_point import BasePoint, Direction
+from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit
@@ -128,7 +128,7 @@ def score(
             return Unscored(effect.name, "its sensitivities are not finite on this record.")
         return _best(effect, at, directions)
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         answers = list(pool.map(one, candidates))
     best = [a for a in answers if isinstance(a, _Best)]
     heard = {b.effect.name for b in best}

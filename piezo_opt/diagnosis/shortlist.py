@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 
@@ -12,6 +11,7 @@ from piezo_opt.diagnosis.contest import beside
 from piezo_opt.diagnosis.refinements import moved, stiffened, with_base_details
 from piezo_opt.diagnosis.rung import Rung, Trial
 from piezo_opt.diagnosis.scores import Suspect, Unscored, score
+from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
@@ -116,7 +116,7 @@ def entrants(
         start = None if base is None else _begun(trial.question, base)
         return None if start is None else replace(trial, start=start)
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         return [trial for trial in pool.map(placed, trials) if trial is not None], begun
 
 
@@ -144,7 +144,7 @@ def jointly(
             return with_base_details(replace(trial, start=best), name)
         return None
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         return [trial for trial in pool.map(placed, suspects) if trial is not None]
 
 

@@ -388,7 +388,8 @@ def simulate(
         ModelError: the model's needs are not met, or it is too stiff for the record.
     """
     numbers = {**Values.nominal(model), **(values or {})}
-    unknown = [k for k in (values or {}) if not _known(k, model)]
+    # "initial.creep.z" beside "initial.creep.z[0]" is what of_record() makes of the latter.
+    unknown = [k for k in (values or {}) if not _known(k, model) and f"{k}[0]" not in numbers]
     if unknown:
         raise ModelError(
             f"The model has no parameter or initial state '{unknown[0]}'; its parameters are "

@@ -14,6 +14,7 @@ from piezo_opt.cli import app
 from piezo_opt.cli.candidates import read_candidates
 from piezo_opt.effects import PrandtlIshlinskii
 from piezo_opt.errors import InputError
+from piezo_opt.modelfile import read_model
 from piezo_opt.readers import write
 from problems import hidden_effect
 from tests.diagnosis.plants import MOVING, STILL, but, clock, measured, minor_loops, rich
@@ -90,7 +91,7 @@ def test_names_what_is_missing_and_writes_it_down(parts: tuple[Path, Path], tmp_
     out, page = tmp_path / "diagnosis.json", tmp_path / "diagnosis.html"
     done = run("diagnose", train, "--test", test, "--json", out, "--report", page)
     assert done.exit_code == 0, done.output
-    assert done.stderr == ""
+    assert all(line.startswith("Diagnosis, ") for line in done.stderr.splitlines())
     assert done.stdout.startswith("Missing: creep. The error falls from 45.7 nm to 14.2")
     data = json.loads(out.read_text())
     assert data["schema"] == "piezo_opt/diagnosis/1"
@@ -118,6 +119,13 @@ def test_names_what_is_missing_and_writes_it_down(parts: tuple[Path, Path], tmp_
     assert 0.85 < first["score"] < 0.95
     assert all(0.0 <= s["visibility"] <= 1.0 for s in data["suspects"])
     assert any("repeat the drive" in sentence for sentence in data["advice"])
+    assert (data["interrupted"], data["stopped_by"]) == (False, None)
+    assert data["elapsed_s"] > 0.0
+    # What it ended with is a model like any other.
+    assert data["final_model"]["rms"] == data["rms_final"]
+    again = run("simulate", train, "--model", out, "--out", tmp_path / "simulated.csv")
+    assert again.exit_code == 0, again.output
+    assert read_model(out).values["creep.c"] == step["parameters"]["creep.c"]["value"]
     assert "Diagnosis: missing" in page.read_text(encoding="utf-8")
 
 
@@ -329,3 +337,47 @@ def test_bench_hidden_prints_and_writes(tmp_path: Path) -> None:
     assert data["schema"] == "piezo_opt/hidden/1"
     assert data["confusion"] == {"none": {"complete": 1}}
     assert data["rows"][0]["seed"] == 1
+
+
+def test_the_time_limit_gives_the_best_so_far_and_every_file(
+    parts: tuple[Path, Path], tmp_path: Path
+) -> None:
+    out, page = tmp_path / "diagnosis.json", tmp_path / "diagnosis.html"
+    # Over as soon as the search has begun, however fast the machine is.
+    asked = ("diagnose", parts[0], "--max-time", "1 us", "--json", out, "--report", page)
+    done = run(*asked)
+    assert done.exit_code == 0, done.output
+    assert done.stdout.startswith("Not finished: the time limit passed before an effect was")
+    data = json.loads(out.read_text())
+    assert (data["interrupted"], data["stopped_by"]) == (True, "time limit")
+    assert (data["verdict"], data["steps"]) == ("open", [])
+    assert data["rms_final"] == data["rms_baseline"] == data["final_model"]["rms"]
+    assert page.stat().st_size > 20_000
+    refused(run("diagnose", parts[0], "--max-time", "-1 s"), "max_time", "positive")
+
+
+def test_the_user_puts_effects_in_and_takes_them_out(loop: Path, tmp_path: Path) -> None:
+    out = tmp_path / "d.json"
+    short = ("--model", loop, "--start", "rest", "--max-time", "1 ms")
+    done = run("diagnose", LOOP, *short, "--add", "creep", "--without", "bouc_wen", "--json", out)
+    assert done.exit_code == 0, done.output
+    names = [e["effect"] for e in json.loads(out.read_text())["final_model"]["model"]["effects"]]
+    assert names == ["piezo_gain", "creep"]
+    refused(run("diagnose", LOOP, "--model", loop, "--add", "bouc_wen"), "has it already")
+    refused(run("diagnose", LOOP, "--add", "creep", "--without", "creep"), "both name creep")
+
+
+def test_an_error_of_the_program_is_a_sentence_and_a_file_to_send(
+    loop: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise RuntimeError("inside")
+
+    monkeypatch.setattr("piezo_opt.cli.diagnose.examine", fails)
+    done = run("diagnose", LOOP, "--model", loop, "--start", "rest")
+    assert done.exit_code == 1
+    assert "Traceback" not in done.output
+    (sentence,) = done.stderr.strip().splitlines()
+    file = Path(sentence.split("send ")[1].split(" with")[0])
+    assert "RuntimeError: inside" in file.read_text()
+    file.unlink()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TypeVar
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.drives import Excitation
+from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit, Start
 from piezo_opt.identification.problem import plain
@@ -42,7 +42,7 @@ def judged(
         point = _played(fit, drive, rate)
         return None if point is None else judge(point)
 
-    with ThreadPoolExecutor(max_workers=threads) as pool:
+    with Pool(max_workers=threads) as pool:
         told = pool.map(one, drives)
         return [(d, t) for d, t in zip(drives, told, strict=True) if t is not None]
 

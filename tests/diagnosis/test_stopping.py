@@ -1,0 +1,65 @@
+"""Ending a diagnosis early loses nothing that was accepted, and begins nothing new."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from piezo_opt.diagnosis import ladder
+from piezo_opt.diagnosis.diagnose import Stopped, diagnose
+from piezo_opt.diagnosis.stopping import Pool, TimeLimit
+from problems import hidden_effect
+from tests.diagnosis.plants import but
+
+
+def test_a_pool_begins_nothing_after_an_interrupt() -> None:
+    began: list[int] = []
+    gate = threading.Event()
+
+    def work(index: int) -> None:
+        began.append(index)
+        gate.wait(5.0)
+
+    def interrupted() -> None:
+        with Pool(max_workers=1) as pool:
+            for index in range(5):
+                pool.submit(work, index)
+            while not began:
+                time.sleep(0.001)
+            threading.Timer(0.05, gate.set).start()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert began == [0]
+
+
+def test_the_main_thread_is_interrupted_within_the_block_only() -> None:
+    limit = TimeLimit(0.05)
+    with pytest.raises(KeyboardInterrupt), limit:
+        threading.Event().wait(5.0)
+    assert limit.passed
+    with pytest.raises(KeyboardInterrupt), limit:
+        raise AssertionError("a block after the limit was entered")
+    with TimeLimit(0.05):
+        pass
+    time.sleep(0.1)
+    with TimeLimit(None) as never:
+        never.check()
+
+
+def test_what_was_accepted_before_an_interrupt_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> object:
+        raise KeyboardInterrupt
+
+    # After the first accepted step, while its place is asked.
+    monkeypatch.setattr(ladder._Climb, "revised", interrupted)
+    train, test = hidden_effect.data().split(hidden_effect.SPLIT)
+    found = diagnose(train, test=test, withhold=but("creep", "drift"))
+    assert found.stopped is Stopped.USER
+    assert [step.name for step in found.steps] == ["creep"]
+    assert found.verdict == "missing"
+    assert found.final.rms < 0.4 * found.fit.rms
+    assert found.headline.startswith("Not finished, the best when it was interrupted. Missing:")
