@@ -163,6 +163,8 @@ def _grounds(model: Model, effect: Effect, channels: tuple[str, ...]) -> list[Ef
     """Mechanics on which a candidate can act: those of the model, or what may join it."""
     if model.refusal(effect, channels) is None:
         return [None]
+    if not model.quasi_static:  # it lacks something else, a loop say, which no mechanics bring
+        return []
     joining: list[Effect] = [SecondOrder()]
     if effect.place is Place.MOTION:
         joining.append(Spring())

@@ -26,6 +26,7 @@ from piezo_opt.effects.motion.friction import Friction
 from piezo_opt.effects.motion.hysteretic_force import HystereticForce
 from piezo_opt.effects.motion.load import Load
 from piezo_opt.effects.motion.load_mass import LoadMass
+from piezo_opt.effects.motion.nonlinear_damping import NonlinearDamping
 from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.motion.spring import Spring
 from piezo_opt.effects.output.drift import Drift
@@ -76,6 +77,7 @@ CATALOGUE: Mapping[str, type[Effect]] = MappingProxyType(
             Spring,
             CubicStiffness,
             Friction,
+            NonlinearDamping,
             HystereticForce,
             Load,
             LoadMass,

@@ -21,9 +21,11 @@ from piezo_opt.effects import (
     CubicStiffness,
     Effect,
     MainsPickup,
+    NonlinearDamping,
     Offset,
     PiezoGain,
     PrandtlIshlinskii,
+    SecondOrder,
     SensorNonlinearity,
 )
 from piezo_opt.effects.base import Chain, Equations, Parameter, Place
@@ -379,6 +381,24 @@ def test_slow_noise_is_as_large_on_the_other_record(
         # With nothing found there is nothing that could carry over: a base model may miss more.
         assert left.left == (np.isinf(there) or (bool(steps) and not carries))
         assert any("is not finite" in clue for clue in left.clues) == np.isinf(there)
+
+
+def test_a_resonator_without_a_loop_gets_the_damping_that_it_lacks() -> None:
+    """Quadratic, of a drive of many lines; what needs a loop is no reason to stop."""
+    time = clock(1200)
+    phases = np.random.default_rng(5).uniform(0.0, 2.0 * np.pi, 80)
+    lines = 1.0 + np.arange(80)
+    drive = 4.0 * np.cos(2.0 * np.pi * np.outer(time, lines) + phases).sum(axis=1)
+    base = PiezoGain() + SecondOrder() + Offset()
+    record = measured(base, time, drive, (NonlinearDamping(), {"b": 3e4}))
+    kept = but("nonlinear_damping", "friction", "asymmetry", "slew_limit")
+    found = diagnose(po.Identification(base, record), advise=False, withhold=kept)
+    assert (found.verdict, [step.name for step in found.steps]) == (
+        "missing",
+        ["nonlinear_damping"],
+    )
+    assert found.final.values["nonlinear_damping.b"] == pytest.approx(3e4, rel=0.02)
+    assert found.final.rms == pytest.approx(NOISE, rel=0.05)
 
 
 def test_a_record_that_the_base_model_is_not_finite_on_judges_nothing() -> None:

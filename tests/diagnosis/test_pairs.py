@@ -21,14 +21,18 @@ from piezo_opt.diagnosis.rung import Rung, Trial, race, solved
 from piezo_opt.diagnosis.shortlist import entrants, scored
 from piezo_opt.effects import (
     AmplifierLag,
+    Asymmetry,
     ChargeBackCoupling,
     Creep,
     Drift,
     Effect,
+    Friction,
     NonlinearGain,
+    PiezoGain,
     SecondMode,
     SecondOrder,
     SensorLag,
+    Spring,
 )
 from piezo_opt.errors import ModelError
 from piezo_opt.measurement import FloatArray
@@ -259,3 +263,9 @@ def test_what_a_pair_does_not_need_is_dropped_at_the_end(monkeypatch: pytest.Mon
     climbed = climb(foot, hold_out(question, test), [Creep(elements=1), Drift()])
     assert [step.name for step in climbed.steps] == ["creep"]
     assert climbed.dropped == ("drift",)
+
+
+def test_mechanics_join_a_quasi_static_model_only() -> None:
+    """What a resonator without a loop lacks no second mechanics can bring."""
+    assert [type(g) for g in pairs._grounds(STILL, Friction(), ())] == [SecondOrder, Spring]
+    assert pairs._grounds(PiezoGain() + SecondOrder(), Asymmetry(), ()) == []

@@ -32,6 +32,7 @@ from piezo_opt.effects import (
     MainsPickup,
     MaxwellSlip,
     Model,
+    NonlinearDamping,
     NonlinearGain,
     Offset,
     PiezoGain,
@@ -706,6 +707,27 @@ def test_springs_come_to_rest_where_their_forces_balance() -> None:
     x = settled(base + CubicStiffness(), {"cubic_stiffness.k3": k3, "cubic_stiffness.x0": x0})
     assert omega2 * (s - x) == pytest.approx(k3 * ((x - x0) ** 3 + x0**3), rel=1e-4)
     assert x < 0.96 * s
+
+
+@pytest.mark.parametrize("deflection", [False, True])
+def test_nonlinear_damping_takes_what_the_same_ratio_would_at_resonance(deflection: bool) -> None:
+    """Of A = s / (2 zeta): zeta = 4 b A / (3 pi), or c A^2 / (8 omega)."""
+    omega, share = 6e3, 0.03
+    swing = GAIN * 1.0 / (2.0 * share)
+    own = (
+        {"c": 8.0 * omega * share / swing**2}
+        if deflection
+        else {"b": 3.0 * np.pi * share / (4.0 * swing)}
+    )
+    values = {f"nonlinear_damping.{k}": v for k, v in own.items()}
+    model = PiezoGain() + SecondOrder() + NonlinearDamping(deflection=deflection)
+    time = np.arange(4000) * 2.5e-5
+    values |= {"second_order.omega": omega, "second_order.zeta": 1e-9}
+    reading, _ = respond(model, time, np.sin(omega * time), values, 1e-5)
+    late = time > 0.06
+    expected = -swing * np.cos(omega * time[late])
+    # Beside the fundamental there is a third harmonic of c A^2 / (32 omega) = zeta / 4 at most.
+    np.testing.assert_allclose(reading[late], expected, atol=0.02 * swing)
 
 
 def test_a_loaded_actuator_has_its_closed_form() -> None:
