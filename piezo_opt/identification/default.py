@@ -18,9 +18,12 @@ from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
 from piezo_opt.identification.starting import starting_values
+from piezo_opt.identification.stretch import busiest
 from piezo_opt.identification.unknowns import theta_of, unknowns
 from piezo_opt.measurement import Campaign, Measurement
 
+_ENOUGH = 20_000
+"""Samples of a long record that are enough to decide."""
 _STILL = 3e-10
 """Share of the drive's power near a resonance below which the drive cannot have shown it."""
 _SHAKEN = 3e-7
@@ -47,7 +50,7 @@ def default_model(
     record = Campaign.of(records).records[0]
     still = PiezoGain() + BoucWen() + Offset()
     moving = PiezoGain() + BoucWen() + SecondOrder() + Offset()
-    short = _stretch(record)
+    short = busiest(record, _ENOUGH)
     calm, _ = _quick(still, short)
     try:
         swinging, values = _quick(moving, short)
@@ -114,13 +117,6 @@ def _sentence(record: Measurement, why: str) -> str:
         f"{record.rate:.4g} samples/s with this drive; a resonance is not identifiable here. To "
         "see it, sample at ten times its frequency and excite it (steps, chirp, multisine)."
     )
-
-
-def _stretch(record: Measurement, most: int = 20_000) -> Measurement:
-    """The beginning of a long record: enough to decide."""
-    if len(record) <= most or record.period is not None:
-        return record
-    return record.slice(None, float(record.time[most]))
 
 
 def _quick(model: Model, record: Measurement) -> tuple[float, dict[str, float]]:

@@ -23,6 +23,7 @@ from piezo_opt.identification.objective import ENOUGH_A_SAMPLE, Objective
 from piezo_opt.identification.problem import Identification, Start
 from piezo_opt.identification.shapes import resolving, resonances, shape_grid
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
+from piezo_opt.identification.stretch import busiest
 from piezo_opt.identification.tall import gram
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
 from piezo_opt.measurement import Measurement
@@ -136,7 +137,7 @@ def _base_start(
             start[name] = 0.2 * gain
     structural = Model(tuple((n, e) for n, e in model.named if e.structural))
     calm = question.with_model(structural if len(structural) else model)
-    search = _Search(_busiest(_light(calm)) if frequencies else _light(calm), monitor)
+    search = _Search(_stretch(_light(calm)) if frequencies else _light(calm), monitor)
     if frequencies:
         quiet = _without_motion(calm)
         residual = record.position - record.position.mean()
@@ -315,30 +316,15 @@ def _light(question: Identification) -> Identification:
     return replace(question, records=first, weights=(), priors={}, noise=None)
 
 
-def _busiest(question: Identification) -> Identification:
-    """The question about the stretch in which the drive moves most: enough for a resonance.
+def _stretch(question: Identification) -> Identification:
+    """The question about the stretch in which most happens: enough for a resonance.
 
     Only where the states at the start are free: a stretch begins with what was before it.
     """
     record = question.campaign.records[0]
-    n = len(record)
-    if n <= 1.5 * _STRETCH or question.start_of(record) is not Start.FREE:
+    if len(record) <= 1.5 * _STRETCH or question.start_of(record) is not Start.FREE:
         return question
-    moved = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(record.drive, prepend=0.0))[1:])])
-    moved = np.append(moved, moved[-1])[: n + 1]
-    first = int(np.argmax(moved[_STRETCH:n] - moved[: n - _STRETCH]))
-    stretch = slice(first, first + _STRETCH)
-    return replace(
-        question,
-        records=record.with_(
-            time=record.time[stretch],
-            drive=record.drive[stretch],
-            position=record.position[stretch],
-            channels={k: v[stretch] for k, v in record.channels.items()},
-            startup=0.0,
-            allow_saturated=True,
-        ),
-    )
+    return replace(question, records=busiest(record, _STRETCH))
 
 
 def _without_motion(question: Identification) -> Identification | None:
