@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_opt.errors import NO_FIT
 from piezo_opt.identification.monitor import Monitor, ProgressCallback
 from piezo_opt.identification.multistart import run_starts
 from piezo_opt.identification.objective import Linearised, Objective
@@ -17,8 +18,9 @@ from piezo_opt.identification.outcome import Ending, Outcome
 from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.result import Fit
 from piezo_opt.identification.solvers.base import Solution
-from piezo_opt.identification.starting import starting_values, straight_line
+from piezo_opt.identification.starting import another_start, starting_values, straight_line
 from piezo_opt.identification.statistics import blind_spots, uncertainty
+from piezo_opt.identification.stuck import doubtful, far_above
 from piezo_opt.identification.transcription import SingleShooting, Transcription
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
 from piezo_opt.units import show
@@ -41,6 +43,9 @@ def solve(
     statistics: bool = True,
 ) -> Fit:
     """Estimate the unknowns of a question.
+
+    From one start that nobody gave, a fit that ends at a bound or at ten times its noise tries
+    some others of the loop and of the resonance, goes on from one that leads below it, and says so.
 
     Args:
         question: model, records and what is known.
@@ -81,8 +86,45 @@ def solve(
         solution = chosen.identify(asked, unknown, theta, solver, monitor)
     except KeyboardInterrupt:
         found = theta if monitor.best is None else monitor.best
-        solution = Solution(found, Ending.INTERRUPTED, "")
-    return _finish(asked, unknown, solution, chosen, solver, monitor, statistics)
+        return _finish(
+            asked, unknown, Solution(found, Ending.INTERRUPTED, ""), chosen, solver, monitor,
+            statistics,
+        )  # fmt: skip
+    fit = _finish(asked, unknown, solution, chosen, solver, monitor, statistics)
+    settled = start is not None or bool(question.priors)
+    if settled or solution.ending is not Ending.CONVERGED or not doubtful(fit):
+        return fit
+    return _elsewhere(fit, unknown, chosen, solver, monitor, statistics)
+
+
+def _elsewhere(
+    fit: Fit,
+    unknown: Unknowns,
+    transcription: Transcription,
+    solver: object | None,
+    monitor: Monitor,
+    statistics: bool,
+) -> Fit:
+    """A doubtful fit, or a better one from another start, which its outcome tells."""
+    question = fit.question
+    record = question.campaign.records[0]
+    try:
+        begin = another_start(question, fit.values, record.position - fit.readings[0])
+        if begin is None:
+            return fit
+        solution = transcription.identify(
+            question, unknown, theta_of(unknown, begin), solver, monitor
+        )
+    except KeyboardInterrupt:
+        halted = Solution(theta_of(unknown, fit.values), Ending.INTERRUPTED, "")
+        return replace(fit, outcome=_outcome(halted, fit))
+    except NO_FIT:
+        return fit
+    other = _finish(question, unknown, solution, transcription, solver, monitor, statistics)
+    if not other.rms < fit.rms:
+        return fit
+    told = f"{other.outcome.sentence} A first start had ended at {show(fit.rms, 'm')}."
+    return replace(other, outcome=replace(other.outcome, sentence=told))
 
 
 def with_statistics(fit: Fit) -> Fit:
@@ -183,6 +225,11 @@ def _outcome(solution: Solution, fit: Fit) -> Outcome:
             f"Converged after {max(0, fit.trace.rms.size - 1)} iterations: rms "
             f"{show(fit.rms, 'm')}, fit {fit.fit_percent:.1f} %."
         )
+        if times := far_above(fit):
+            sentence += (
+                f" That is {times:.0f} times the noise in its highest frequencies: the model lacks "
+                "something (a diagnosis names it), or this is a wrong minimum (starts=20)."
+            )
         if fit.at_bound:
             sentence += (
                 f" {', '.join(fit.at_bound)} ended at a bound: widen it (bounds=...) or drop the "

@@ -1,0 +1,44 @@
+"""Whether a fit can be the answer: at no bound, and not far above the noise of its residual."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezo_opt.identification.result import Fit
+
+_FEWEST = 64
+"""Samples from which a spectrum has an upper half to speak of."""
+_FAR = 10.0
+"""Error over the noise beyond which noise is less than a hundredth of the power that is left."""
+
+
+def noise_of(fit: Fit) -> float:
+    """White noise [m] that would be as strong as the highest frequencies of what a fit leaves.
+
+    Of the first record: with r the residual under a Hann window w, R its spectrum, and the median
+    over the upper half of the frequencies (ln 2 of the mean, for noise; lines do not lift it),
+
+        sigma^2 = median |R|^2 / (ln 2 sum w^2)
+
+    NaN for less than 64 samples. Source: Welch (1967), IEEE Trans. Audio and Electroacoustics
+    15(2), 70-73 (windowed periodograms).
+    """
+    record = fit.question.campaign.records[0]
+    left = (record.position - fit.readings[0])[record.counted]
+    if left.size < _FEWEST:
+        return float("nan")
+    window = np.hanning(left.size)
+    power = np.abs(np.fft.rfft(window * left)) ** 2
+    upper = power[power.size // 2 :]
+    return float(np.sqrt(np.median(upper) / (np.log(2.0) * float(window @ window))))
+
+
+def far_above(fit: Fit) -> float:
+    """Error over the noise where that is more than ten, 0 elsewhere."""
+    noise = noise_of(fit)
+    return fit.rms / noise if fit.rms > _FAR * noise > 0.0 else 0.0
+
+
+def doubtful(fit: Fit) -> bool:
+    """Whether other starts are worth a trial: far above the noise, or at a bound."""
+    return bool(fit.at_bound) or far_above(fit) > 0.0
