@@ -51,7 +51,9 @@ class NoiseFloor:
 def noise_floor(fit: Fit) -> NoiseFloor:
     """Noise of the reading over the records of a fit.
 
-    From the differences between periods where every record has at least two; otherwise from the
+    From the differences between periods where every record has at least two; from those of the
+    residual where every drive plays the same again (what the model explains of a reading that still
+    settles is no noise; the first repetition is left out where there are three). Otherwise from the
     spectrum of the residual in the upper third of the frequencies, taken as the level of white
     noise, and never below what rounding alone leaves (step / sqrt(12)). A residual whose whole
     spectrum is that of first-order noise (see :mod:`slow_noise`), and which does not follow the
@@ -72,6 +74,10 @@ def noise_floor(fit: Fit) -> NoiseFloor:
             True,
             f"The noise floor is {show(rms, 'm')} rms, from the differences between periods.",
         )
+    repeated = [_repeated(fit.residual(i), r) for i, r in enumerate(records)]
+    measured = [r for r in repeated if r is not None]
+    if len(measured) == len(records):
+        return _measured(measured)
     power, count, rounding = 0.0, 0.0, 0.0
     samples = 0
     for index, record in enumerate(records):
@@ -98,6 +104,30 @@ def noise_floor(fit: Fit) -> NoiseFloor:
         + ". Repeat the drive at least twice to measure it."
     )
     return NoiseFloor(rms, rms * (1.0 - min(0.9, spread)), rms * (1.0 + spread), False, sentence)
+
+
+def _repeated(residual: FloatArray, record: Measurement) -> FloatArray | None:
+    """(repetitions, samples of one) of a residual whose drive plays the same again; else None."""
+    samples = record.repetition
+    if samples is None or residual.size < 2 * samples:
+        return None
+    whole = residual.size // samples
+    parts = residual[residual.size - whole * samples :].reshape(whole, samples)
+    return parts[1:] if whole > 2 else parts
+
+
+def _measured(parts: list[FloatArray]) -> NoiseFloor:
+    """The floor from what differs between repetitions of the drive."""
+    freedom = sum((p.shape[0] - 1) * p.shape[1] for p in parts)
+    squares = sum(float(np.sum((p - p.mean(axis=0)) ** 2)) for p in parts)
+    rms = float(np.sqrt(squares / freedom))
+    spread = min(0.9, 1.96 / np.sqrt(2.0 * freedom))
+    times = " and ".join(str(p.shape[0]) for p in parts)
+    return NoiseFloor(
+        rms, rms * (1.0 - spread), rms * (1.0 + spread), True,
+        f"The noise floor is {show(rms, 'm')} rms, from what differs between {times} repetitions "
+        "of the drive.",
+    )  # fmt: skip
 
 
 def correlations(fit: Fit) -> list[float] | None:

@@ -1,4 +1,4 @@
-"""A steady state that repeats: its whole periods, and what differs from one to the next."""
+"""What repeats: the periods of a steady state, and a drive that plays the same again."""
 
 from __future__ import annotations
 
@@ -38,6 +38,44 @@ def by_period(
             f"start-up of {show(startup, 's')}: shorten the start-up"
         )
     return values[first : first + whole * samples].reshape(whole, samples)
+
+
+SAME = 2.0**-10
+"""Change of a drive from one period to the next, over its own size, below which it is the same: the
+step of a converter of ten bits."""
+
+
+def repetition(drive: FloatArray) -> int | None:
+    """After how many samples an evenly sampled drive (N,) plays the same again; None if never.
+
+    The shortest lag P, at most N / 2, with
+
+        mean_n (u_(n+P) - u_n)^2 <= SAME^2 var(u)
+
+    beyond the first lag at which that mean is var(u): from sample to sample every slow drive is
+    nearly the same. The means of all lags are found at once, from the autocorrelation.
+    """
+    n = drive.size
+    u = drive - drive.mean()
+    power = float(u @ u) / n
+    if power <= 0.0:
+        return None
+    spectrum = np.fft.rfft(u, 2 * n)
+    products = np.fft.irfft(np.abs(spectrum) ** 2, 2 * n)[: n // 2 + 1]
+    squares = np.concatenate([[0.0], np.cumsum(u**2)])
+    lags = np.arange(n // 2 + 1)
+    change = (squares[n - lags] + squares[n] - squares[lags] - 2.0 * products) / (n - lags)
+    apart = np.flatnonzero(change > power)
+    if apart.size == 0:
+        return None
+    again = np.flatnonzero(change[apart[0] :] <= SAME**2 * power)
+    if again.size == 0:
+        return None
+    # The first lag below the bound lies before the one that fits best.
+    first = int(apart[0] + again[0])
+    while first + 1 < change.size and change[first + 1] < change[first]:
+        first += 1
+    return first
 
 
 def noise_between(record: str, repeated: FloatArray) -> float:

@@ -23,7 +23,7 @@ from piezo_opt.measurement.checks import (
 )
 from piezo_opt.measurement.clock import Clock
 from piezo_opt.measurement.outliers import outlier_remarks
-from piezo_opt.measurement.periods import by_period, noise_between, whole_periods
+from piezo_opt.measurement.periods import by_period, noise_between, repetition, whole_periods
 from piezo_opt.measurement.remarks import aliasing_remarks, gap_remarks, resolution_remarks
 from piezo_opt.measurement.resampling import resampling
 from piezo_opt.measurement.resolution import resolution
@@ -167,6 +167,15 @@ class Measurement:
         if self.period is None:
             return 0
         return whole_periods(self.clock, self.startup, self.period)
+
+    @cached_property
+    def repetition(self) -> int | None:
+        """After how many samples the drive plays the same again; None where it does not.
+
+        Looked for on even sampling. Unlike ``period`` it says nothing about the state: the reading
+        may still settle from one repetition to the next.
+        """
+        return repetition(self.drive) if self.uniform else None
 
     @cached_property
     def remarks(self) -> tuple[str, ...]:

@@ -152,6 +152,26 @@ def test_periods_measure_the_noise() -> None:
     assert np.mean(inside) >= 0.85
 
 
+def test_repetitions_of_the_drive_measure_the_noise_beside_any_misfit() -> None:
+    """Nobody said that the drive repeats, the start is no steady state, and the model misses."""
+    once = rich(clock())[:500]
+    drive = np.tile(once, 4)
+    time = clock(drive.size)
+    record = measured(LINE, time, drive)
+    (line,) = fitted(LINE, record).readings
+    misfit = 20.0 * NOISE * np.tanh((drive - drive.mean()) / drive.std())
+    misfit[:300] += 50.0 * NOISE
+    found = []
+    for seed in range(40):
+        noisy = record.with_(position=line + misfit + white(seed, drive.size))
+        floor = noise_floor(fitted(LINE, noisy))
+        assert floor.measured
+        assert "3 repetitions" in floor.sentence
+        found.append(floor)
+    assert np.mean([f.rms for f in found]) == pytest.approx(NOISE, rel=0.01)
+    assert np.mean([f.low <= NOISE <= f.high for f in found]) >= 0.85
+
+
 def test_periods_measure_slow_noise_too() -> None:
     """What the highest frequencies cannot see, repetitions do."""
     time = clock(4000)

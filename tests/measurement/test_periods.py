@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from piezo_opt.errors import InputError
+from piezo_opt.measurement.periods import repetition
 from tests.measurement.records import sine
 
 
@@ -38,3 +39,23 @@ def test_without_a_period_there_are_none() -> None:
         sine().repeated_periods()
     with pytest.raises(InputError, match="at least two"):
         sine(count=150, period=1.0).noise_from_periods()
+
+
+def test_a_drive_that_plays_the_same_again_is_found() -> None:
+    generator = np.random.default_rng(4)
+    once = np.convolve(generator.normal(size=700), np.ones(30) / 30.0, mode="same")
+    again = np.tile(once, 4)[:2500]
+    assert repetition(again) == 700
+    # Written with the digits of a converter it is the same drive.
+    grain = np.ptp(again) / 2**12
+    assert repetition(np.round(again / grain) * grain) == 700
+    # Something else in the last repetition: it does not play the same again.
+    other = again.copy()
+    other[2200:2300] += np.ptp(again)
+    assert repetition(other) is None
+    # Slow is not the same: neither a ramp, nor half a wave, nor a chirp.
+    t = np.linspace(0.0, 1.0, 4000)
+    assert repetition(t) is None
+    assert repetition(np.sin(np.pi * t)) is None
+    assert repetition(np.sin(2.0 * np.pi * (2.0 * t + 20.0 * t**2))) is None
+    assert repetition(np.ones(100)) is None
