@@ -1,0 +1,207 @@
+"""The closed loop: any controller around any plant, sampled, limited, late and noisy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piezo_opt.control.plant import Plant
+from piezo_opt.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+class Controller(Protocol):
+    """What computes a drive from reference and reading; its state is handed in and out."""
+
+    def begin(self) -> Any:
+        """The state before the first sample."""
+        ...
+
+    def act(
+        self, state: Any, reference: float, reading: float, period: float, low: float, high: float
+    ) -> tuple[float, Any]:
+        """The drive [V] from a reference and a reading [m], and the next state."""
+        ...
+
+
+@final
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the drive: its range [V] and its slew rate [V/s]."""
+
+    low: float = float("-inf")
+    high: float = float("inf")
+    slew: float = float("inf")
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high or not self.slew > 0.0:
+            raise InputError(
+                f"limits {self.low} .. {self.high} V, {self.slew} V/s: the lower one is below the "
+                "upper one, and the slew rate is positive"
+            )
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ClosedLoop:
+    """What happened, at the N instants of sampling.
+
+    Attributes:
+        time: (N,) [s].
+        reference, position: (N,) [m]; the position is the plant's own reading, without the noise.
+        reading: (N,) what the controller was given [m].
+        drive: (N,) [V].
+    """
+
+    time: FloatArray
+    reference: FloatArray
+    position: FloatArray
+    reading: FloatArray
+    drive: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """(N,) reference minus position [m]."""
+        return self.reference - self.position
+
+    @property
+    def iae(self) -> float:
+        """Integral of the absolute error [m s]."""
+        return float(np.trapezoid(np.abs(self.error), self.time))
+
+    @property
+    def ise(self) -> float:
+        """Integral of the squared error [m^2 s]."""
+        return float(np.trapezoid(self.error**2, self.time))
+
+    @property
+    def itae(self) -> float:
+        """Integral of the absolute error times time [m s^2]."""
+        since = self.time - self.time[0]
+        return float(np.trapezoid(since * np.abs(self.error), self.time))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the error [m]."""
+        return float(np.sqrt(np.mean(self.error**2)))
+
+    @property
+    def largest(self) -> float:
+        """Largest absolute error [m]."""
+        return float(np.abs(self.error).max())
+
+    @property
+    def effort(self) -> float:
+        """Total variation of the drive [V]."""
+        return float(np.abs(np.diff(self.drive)).sum())
+
+    @property
+    def overshoot(self) -> float:
+        """How far the position passes the last reference, as a share of the step to it.
+
+        Raises:
+            InputError: the reference ends where the position began.
+        """
+        step = self.reference[-1] - self.position[0]
+        if step == 0.0:
+            raise InputError("The reference ends where the position began: there is no step.")
+        return float(max(0.0, np.max((self.position - self.reference[-1]) / step)))
+
+    def settling(self, band: float = 0.02) -> float:
+        """Time after which the position stays within a band around the last reference [s].
+
+        The band is a share of the step; infinite where it does not settle.
+        """
+        width = band * abs(self.reference[-1] - self.position[0])
+        outside = np.flatnonzero(np.abs(self.position - self.reference[-1]) > width)
+        if outside.size == 0:
+            return 0.0
+        if outside[-1] == self.time.size - 1:
+            return float("inf")
+        return float(self.time[outside[-1] + 1] - self.time[0])
+
+
+def close_loop(
+    plant: Plant,
+    controller: Controller,
+    reference: ArrayLike,
+    *,
+    period: float,
+    limits: Limits | None = None,
+    delay: int = 0,
+    resolution: float = 0.0,
+    noise: float = 0.0,
+    disturbance: ArrayLike | Callable[[float], float] = 0.0,
+    seed: int = 0,
+    drive: float = 0.0,
+) -> ClosedLoop:
+    """Run a controller around a plant.
+
+    At each sample the controller is given the reference and one reading, and nothing else of the
+    plant. Its drive is limited, and held from ``delay`` samples later on.
+
+    Args:
+        plant: a :class:`ModelPlant`, or an object of your own with ``begin`` and ``advance``.
+        controller: a :class:`PID`, an :class:`InverseCompensation`, or one of your own.
+        reference: (N,) [m], one value a period.
+        period: of the sampling [s].
+        limits: of the drive.
+        delay: whole periods that computing takes.
+        resolution: step of the sensor [m]; 0 for none.
+        noise: standard deviation of the sensor's white noise [m].
+        disturbance: adds to the position [m]: (N,) values, one value, or a function of time.
+        seed: of the noise.
+        drive: at which the plant rests before the first sample [V].
+
+    Raises:
+        InputError: no period, a reference that is not finite, fewer than two samples, a negative
+            noise, resolution or delay, or a controller whose drive is no finite number.
+
+    Returns:
+        the loop at its N samples.
+    """
+    wanted: FloatArray = np.atleast_1d(np.asarray(reference, dtype=float))
+    if wanted.ndim != 1 or wanted.size < 2 or not np.isfinite(wanted).all():
+        raise InputError("reference: give at least two finite values, one for each period")
+    if not (np.isfinite(period) and period > 0.0):
+        raise InputError(f"period = {period} s: give a positive time")
+    if min(noise, resolution, delay) < 0:
+        raise InputError(
+            f"noise = {noise} m, resolution = {resolution} m, delay = {delay}: none is negative"
+        )
+    held = Limits() if limits is None else limits
+    n = wanted.size
+    time: FloatArray = period * np.arange(n, dtype=float)
+    if callable(disturbance):
+        added = np.array([disturbance(t) for t in time.tolist()], dtype=float)
+    else:
+        added = np.broadcast_to(np.asarray(disturbance, dtype=float), (n,))
+    errors: FloatArray = noise * np.random.default_rng(seed).normal(size=n)
+    position, reading, drives = np.empty(n), np.empty(n), np.empty(n)
+    state = controller.begin()
+    waiting = [drive] * delay
+    acting = drive
+    output = plant.begin(drive)
+    for k in range(n):
+        position[k] = output + added[k]
+        seen = position[k] + errors[k]
+        reading[k] = resolution * np.round(seen / resolution) if resolution > 0.0 else seen
+        before = waiting[-1] if waiting else acting
+        low = max(held.low, before - held.slew * period)
+        high = min(held.high, before + held.slew * period)
+        asked, state = controller.act(state, float(wanted[k]), float(reading[k]), period, low, high)
+        if not np.isfinite(asked):
+            raise InputError(
+                f"The controller's drive is {asked} at {time[k]:g} s: the loop is unstable, or the "
+                "controller cannot take this reading."
+            )
+        waiting.append(min(max(asked, low), high))
+        acting = waiting.pop(0)
+        drives[k] = acting
+        output = plant.advance(acting, period)
+    return ClosedLoop(time, wanted, position, reading, drives)
