@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+from time import time
 
 import pytest
 
-from piezo_opt.keeping import cache_directory, kept
+from piezo_opt.errors import InputError
+from piezo_opt.keeping import cache_directory, kept, prune, used
+from piezo_opt.simulation.compiler import load
 
 
 @pytest.fixture
@@ -86,3 +90,50 @@ def test_the_cache_is_where_the_user_says(monkeypatch: pytest.MonkeyPatch, tmp_p
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert cache_directory() == tmp_path / ".cache" / "piezo_opt"
+
+
+def test_the_directory_is_the_user_s_alone(cache: Path) -> None:
+    Maker().asked("3")
+    assert cache.stat().st_mode & 0o777 == 0o700
+    cache.chmod(0o777)
+    with pytest.raises(InputError, match="Others can write to the cache"):
+        Maker().asked("4")
+    cache.chmod(0o770)
+    with pytest.raises(InputError, match="Others can write"):
+        load("double po_run(double x) { return x; }")
+    assert len(files(cache)) == 1
+
+
+def test_a_directory_of_somebody_else_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PIEZO_OPT_CACHE", str(tmp_path))
+    own = os.getuid()
+    monkeypatch.setattr(os, "getuid", lambda: own + 1)
+    with pytest.raises(InputError, match="belongs to another user"):
+        Maker().asked("3")
+
+
+def test_what_is_old_too_much_or_half_made_goes_once_a_day(cache: Path) -> None:
+    def file(name: str, days: float, size: int = 1000) -> Path:
+        path = cache / name / "x.so"
+        path.parent.mkdir(parents=True)
+        path.write_bytes(b"x" * size)
+        for one in (path, path.parent):
+            os.utime(one, (time() - 86400.0 * days,) * 2)
+        return path
+
+    old, new, middle = file("a", 61.0), file("b", 1.0), file("c", 30.0)
+    killed, building = file(".build_k", 2.0), file(".build_b", 0.0)
+    prune(cache, most_bytes=2500)
+    assert [p.exists() for p in (old, new, middle, killed, building)] == [
+        False, True, True, False, True,
+    ]  # fmt: skip
+    # Not again on the same day, and then what was used longest ago.
+    prune(cache, most_bytes=1500)
+    assert middle.exists()
+    os.utime(cache / ".pruned", (time() - 86401.0,) * 2)
+    used(middle)
+    used(middle.parent)
+    prune(cache, most_bytes=1500)
+    assert (new.exists(), middle.exists()) == (False, True)

@@ -26,7 +26,7 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from piezo_opt.keeping import cache_directory, digest
+from piezo_opt.keeping import digest, own_directory, prune, used
 
 FLAGS: Final = (
     "-O3", "-fno-tree-slp-vectorize", "-march=native", "-fno-math-errno", "-fno-trapping-math",
@@ -71,6 +71,9 @@ def load(recipe: str, write: Callable[[str], str] = str) -> ctypes.CDLL | None:
         recipe: all that the C text depends on.
         write: makes the C text of it; not called where the library is kept. Unless given, the
             recipe is the C text.
+
+    Raises:
+        InputError: the cache directory is not the user's alone.
     """
     compiler = find_compiler()
     if compiler is None:
@@ -80,9 +83,10 @@ def load(recipe: str, write: Callable[[str], str] = str) -> ctypes.CDLL | None:
     def text() -> str:
         return write(recipe)
 
-    return _load_into(cache_directory(), key, text, compiler) or _load_into(
-        Path(_private_directory()), key, text, compiler
-    )
+    loaded = None
+    with contextlib.suppress(OSError):
+        loaded = _load_into(own_directory(), key, text, compiler)
+    return loaded or _load_into(Path(_private_directory()), key, text, compiler)
 
 
 @cache
@@ -109,6 +113,7 @@ def _load_into(
             if made is None:
                 return None
             os.replace(made, kept / f"{digest(made.read_bytes())}.so")
+        prune(directory)
     except OSError:
         return None
     return _open_kept(kept)
@@ -125,6 +130,7 @@ def _open_kept(kept: Path) -> ctypes.CDLL | None:
             if digest(library.read_bytes()) == library.stem:
                 loaded = ctypes.CDLL(str(library))
                 if hasattr(loaded, PROBE):
+                    used(kept)
                     return loaded
         except OSError:
             pass
