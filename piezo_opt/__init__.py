@@ -4,7 +4,7 @@ The front door, in the order of the work: read a record, write the physics as a 
 ask a question, solve it, compare, learn what is missing, add it, report.
 """
 
-from piezo_opt import effects
+from piezo_opt import effects, physics
 from piezo_opt.comparison import Comparison, compare, uncontrolled_iae
 from piezo_opt.datasets import load, load_campaign
 from piezo_opt.diagnosis import Diagnosis, diagnose
@@ -30,6 +30,7 @@ from piezo_opt.identification import (
     Start,
     default_model,
     load_fit,
+    priors_from,
     save_fit,
     solve,
 )
@@ -80,6 +81,8 @@ __all__ = [
     "load",
     "load_campaign",
     "load_fit",
+    "physics",
+    "priors_from",
     "quantity",
     "read",
     "read_campaign",

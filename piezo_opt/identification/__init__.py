@@ -2,6 +2,7 @@
 
 from piezo_opt.identification.collocation import Collocation
 from piezo_opt.identification.default import default_model
+from piezo_opt.identification.expected import priors_from
 from piezo_opt.identification.monitor import Progress
 from piezo_opt.identification.multiple_shooting import MultipleShooting
 from piezo_opt.identification.outcome import Ending, Evaluations, Outcome, Trace
@@ -43,6 +44,7 @@ __all__ = [
     "Trace",
     "default_model",
     "load_fit",
+    "priors_from",
     "save_fit",
     "solve",
     "too_coarse",
