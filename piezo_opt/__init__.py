@@ -4,42 +4,46 @@ The front door, in the order of the work: read a record, write the physics as a 
 ask a question, solve it, compare, learn what is missing, add it, report.
 """
 
-from piezo_opt import effects, physics
-from piezo_opt.comparison import Comparison, compare, uncontrolled_iae
-from piezo_opt.datasets import load, load_campaign
-from piezo_opt.diagnosis import Diagnosis, diagnose
-from piezo_opt.effects import Effect, Model
-from piezo_opt.errors import InputError, ModelError, PiezoOptError
-from piezo_opt.identification import (
-    CmaEs,
-    Collocation,
-    DifferentialEvolution,
-    Fatrop,
-    Fit,
-    Identification,
-    Ipopt,
-    LevenbergMarquardt,
-    Loss,
-    MultipleShooting,
-    NelderMead,
-    Prior,
-    ScipyLeastSquares,
-    Shape,
-    SingleShooting,
-    Sqp,
-    Start,
-    default_model,
-    load_fit,
-    priors_from,
-    save_fit,
-    solve,
-)
-from piezo_opt.measurement import Between, Campaign, Measurement
-from piezo_opt.readers import read, read_campaign, write
-from piezo_opt.report import write_report
-from piezo_opt.simulation import Initial, Response, simulate
-from piezo_opt.units import quantity
-from piezo_opt.values import Values
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from piezo_opt import effects, physics
+    from piezo_opt.comparison import Comparison, compare, uncontrolled_iae
+    from piezo_opt.datasets import load, load_campaign
+    from piezo_opt.diagnosis import Diagnosis, diagnose
+    from piezo_opt.effects import Effect, Model
+    from piezo_opt.errors import InputError, ModelError, PiezoOptError
+    from piezo_opt.identification import (
+        CmaEs,
+        Collocation,
+        DifferentialEvolution,
+        Fatrop,
+        Fit,
+        Identification,
+        Ipopt,
+        LevenbergMarquardt,
+        Loss,
+        MultipleShooting,
+        NelderMead,
+        Prior,
+        ScipyLeastSquares,
+        Shape,
+        SingleShooting,
+        Sqp,
+        Start,
+        default_model,
+        load_fit,
+        priors_from,
+        save_fit,
+        solve,
+    )
+    from piezo_opt.measurement import Between, Campaign, Measurement
+    from piezo_opt.readers import read, read_campaign, write
+    from piezo_opt.report import write_report
+    from piezo_opt.simulation import Initial, Response, simulate
+    from piezo_opt.units import quantity
+    from piezo_opt.values import Values
 
 __version__ = "0.1.0"
 
@@ -93,3 +97,45 @@ __all__ = [
     "write",
     "write_report",
 ]
+
+_ROOMS: Final = {
+    "comparison": "Comparison compare uncontrolled_iae",
+    "datasets": "load load_campaign",
+    "diagnosis": "Diagnosis diagnose",
+    "effects": "Effect Model",
+    "errors": "InputError ModelError PiezoOptError",
+    "identification": (
+        "CmaEs Collocation DifferentialEvolution Fatrop Fit Identification Ipopt "
+        "LevenbergMarquardt Loss MultipleShooting NelderMead Prior ScipyLeastSquares "
+        "Shape SingleShooting Sqp Start default_model load_fit priors_from save_fit solve "
+    ),
+    "measurement": "Between Campaign Measurement",
+    "readers": "read read_campaign write",
+    "report": "write_report",
+    "simulation": "Initial Response simulate",
+    "units": "quantity",
+    "values": "Values",
+}
+_ROOM_OF: Final = {name: room for room, names in _ROOMS.items() for name in names.split()}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name or a room, loaded when somebody asks for it.
+
+    Raises `AttributeError` for a name that the package does not have.
+    """
+    where = f"{__name__}.{_ROOM_OF.get(name, name)}"
+    try:
+        found = None if name.startswith("_") else import_module(where)
+    except ModuleNotFoundError as error:
+        if error.name != where:
+            raise
+        found = None
+    if found is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = getattr(found, name) if name in _ROOM_OF else found
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

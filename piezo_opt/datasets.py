@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -97,6 +96,8 @@ def load_campaign(
     """
     if name not in _CAMPAIGNS:
         raise InputError(f"there is no campaign {name!r}: there are {', '.join(_CAMPAIGNS)}")
+    import h5py
+
     file = path(_CAMPAIGNS[name])
     try:
         with h5py.File(file, "r") as content:

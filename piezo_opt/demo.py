@@ -18,7 +18,6 @@ from piezo_opt.effects.strain.bouc_wen import BoucWen
 from piezo_opt.effects.strain.piezo_gain import PiezoGain
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Fit, Identification, Start, solve
-from piezo_opt.report import write_report
 from piezo_opt.units import show
 
 __all__ = ["PAGE", "Demo", "question", "run"]
@@ -78,6 +77,8 @@ def run(out: str | os.PathLike[str] = ".") -> Demo:
         InputError: the page cannot be written, or a file that is not an earlier demo's page is
             in its place.
     """
+    from piezo_opt.report import write_report
+
     given = Path(out)
     page = given / PAGE if given.is_dir() else given
     if page.suffix.lower() not in (".html", ".htm"):

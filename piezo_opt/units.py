@@ -9,13 +9,15 @@ from __future__ import annotations
 import math
 import re
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import pint
 from numpy.typing import ArrayLike, NDArray
 
 from piezo_opt.errors import InputError
+
+if TYPE_CHECKING:
+    import pint
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*(.*)", re.DOTALL)
 _HEADER = re.compile(r"\s*([^\[\]]*?)\s*\[([^\[\]]*)\]\s*")
@@ -35,10 +37,21 @@ _PREFIXES = {
 }
 _NEVER_LARGE = frozenset({"s", "K"})
 _NEVER_PREFIXED = frozenset({"1", "kg", "K", "rad"})
+# What nearly every record is written in. Loading the units library takes longer than reading one.
+_PLAIN: Final = {
+    prefix + symbol: (factor, symbol)
+    for symbol in ("s", "m", "V", "N", "A", "Hz")
+    for prefix, factor in (
+        *(("", 1.0), ("k", 1e3), ("m", 1e-3), ("n", 1e-9), ("p", 1e-12)),
+        *((micro, 1e-6) for micro in ("u", "\u00b5", "\u03bc")),
+    )
+}
 
 
 @cache
 def _registry() -> pint.UnitRegistry[Any]:
+    import pint
+
     return pint.UnitRegistry(cache_folder=None, on_redefinition="ignore")
 
 
@@ -87,6 +100,8 @@ def si_unit(unit: str) -> str:
 
     Raises `InputError` for an unknown or missing unit.
     """
+    if unit in _PLAIN:
+        return _PLAIN[unit][1]
     parsed = _parse(unit)
     above: list[str] = []
     below: list[str] = []
@@ -104,6 +119,8 @@ def si_unit(unit: str) -> str:
 
 def same_dimension(unit: str, other: str) -> bool:
     """Whether two units measure the same thing. Raises `InputError` for an unknown unit."""
+    if unit in _PLAIN and other in _PLAIN:
+        return _PLAIN[unit][1] == _PLAIN[other][1]
     return bool(_parse(unit).dimensionality == _parse(other).dimensionality)
 
 
@@ -115,6 +132,10 @@ def to_si(values: ArrayLike, unit: str) -> tuple[NDArray[np.float64], str]:
     """
     target = si_unit(unit)
     numbers = np.asarray(values, dtype=np.float64)
+    if unit in _PLAIN:
+        return numbers * _PLAIN[unit][0], target
+    import pint
+
     if _parse(unit) == _parse(target):
         return numbers.copy(), target
     try:
@@ -140,6 +161,10 @@ def quantity(value: str | float, unit: str) -> float:
     if match is None:
         raise InputError(f"{value!r} does not start with a number: {example}")
     number, written = float(match[1]), match[2].strip()
+    if written in _PLAIN and _PLAIN.get(unit) == (1.0, _PLAIN[written][1]):
+        return _finite(number * _PLAIN[written][0], value, unit)
+    import pint
+
     target = _parse(unit)
     if not written and target != _registry().dimensionless:
         raise InputError(f"{value!r} has no unit: {example}")
@@ -150,9 +175,13 @@ def quantity(value: str | float, unit: str) -> float:
         converted = float(_registry().Quantity(number, source).to(target).magnitude)
     except pint.PintError as error:
         raise InputError(f"{value!r} cannot be turned into {unit}: {error}") from error
-    if not math.isfinite(converted):
+    return _finite(converted, value, unit)
+
+
+def _finite(number: float, value: str, unit: str) -> float:
+    if not math.isfinite(number):
         raise InputError(f"{value!r} is too large for a number in {unit}")
-    return converted
+    return number
 
 
 def parse_header(text: str) -> tuple[str, str]:
@@ -167,7 +196,7 @@ def parse_header(text: str) -> tuple[str, str]:
         )
     name, unit = match[1], match[2].strip()
     try:
-        _parse(unit)
+        si_unit(unit)
     except InputError as error:
         raise InputError(f"column {text.strip()!r}: {error}") from error
     return name, unit

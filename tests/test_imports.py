@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import shutil
 import subprocess
@@ -9,6 +10,8 @@ import sys
 from pathlib import Path
 
 import pytest
+
+import piezo_opt
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -65,9 +68,55 @@ def test_every_folder_is_a_package() -> None:
     assert [str(f.relative_to(ROOT)) for f in folders if not (f / "__init__.py").exists()] == []
 
 
-def test_nobody_waits_for_what_only_some_need() -> None:
-    """Each of these takes a quarter of a second and more to load."""
-    heavy = ("cma", "control", "matplotlib.pyplot", "pandas")
-    said = f"import sys, piezo_opt.cli; print([n for n in {heavy} if n in sys.modules])"
+def loaded_by(statement: str, *, asked: tuple[str, ...]) -> list[str]:
+    """Which of these modules a fresh interpreter has loaded after a statement."""
+    said = f"import sys\n{statement}\nprint(*[n for n in {asked!r} if n in sys.modules], sep='\\n')"
     done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    return done.stdout.split()
+
+
+HEAVY = (
+    *("cma", "control", "h5py", "matplotlib", "pandas", "pint", "rich"),
+    *("scipy.interpolate", "scipy.io", "scipy.optimize", "scipy.signal", "scipy.sparse"),
+    *("scipy.stats", "scipy.special", "scipy.linalg"),
+)
+
+
+def test_nobody_waits_for_what_only_some_need() -> None:
+    """Each of these takes a tenth of a second to a second to load."""
+    assert loaded_by("import piezo_opt", asked=(*HEAVY, "casadi", "numpy")) == []
+    help_ = "from piezo_opt.cli import app\nfrom contextlib import redirect_stdout, suppress"
+    help_ += "\nimport io\nwith redirect_stdout(io.StringIO()), suppress(SystemExit):"
+    help_ += "\n    app(['--help'])"
+    assert loaded_by(help_, asked=HEAVY) == []
+
+
+def test_a_fit_loads_no_more_than_it_asks(tmp_path: Path) -> None:
+    """Special functions and linear algebra are asked by every fit; the rest by none of a CSV."""
+    record = tmp_path / "loop.csv"
+    rows = "".join(f"{k / 100},{k % 40},{0.2 * (k % 40):.3f}\n" for k in range(200))
+    record.write_text("time [s],voltage [V],displacement [um]\n" + rows)
+    statement = "from piezo_opt.cli import app\nfrom contextlib import redirect_stdout, suppress"
+    statement += "\nimport io\nwith redirect_stdout(io.StringIO()), suppress(SystemExit):"
+    statement += f"\n    app(['fit', {str(record)!r}])"
+    asked_by_every_fit = {"scipy.special", "scipy.linalg"}
+    assert loaded_by(statement, asked=tuple(set(HEAVY) - asked_by_every_fit)) == []
+
+
+def test_the_front_door_says_where_each_name_lives() -> None:
+    """What the type checker reads, what is public and what is loaded on demand are one list."""
+    source = ast.parse((ROOT / "piezo_opt" / "__init__.py").read_text())
+    block = next(node for node in source.body if isinstance(node, ast.If))
+    typed = {
+        alias.name: str(node.module).removeprefix("piezo_opt.")
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    rooms = {name for name, room in typed.items() if room == "piezo_opt"}
+    assert {name: room for name, room in typed.items() if name not in rooms} == piezo_opt._ROOM_OF
+    assert set(piezo_opt.__all__) == set(typed)
+    for name in piezo_opt.__all__:
+        assert getattr(piezo_opt, name) is not None
+    with pytest.raises(AttributeError, match="has no attribute 'nonsense'"):
+        _ = piezo_opt.nonsense

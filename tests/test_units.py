@@ -9,7 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from piezo_opt.errors import InputError
-from piezo_opt.units import parse_header, quantity, same_dimension, show, si_unit, to_si
+from piezo_opt.units import (
+    _PLAIN,
+    _parse,
+    _registry,
+    parse_header,
+    quantity,
+    same_dimension,
+    show,
+    si_unit,
+    to_si,
+)
 
 
 @pytest.mark.parametrize(
@@ -143,3 +153,14 @@ def test_what_is_shown_reads_back_to_four_digits(value: float, unit: str) -> Non
 def test_any_text_is_a_quantity_or_an_input_error(text: str) -> None:
     with contextlib.suppress(InputError):
         assert math.isfinite(quantity(text, "m"))
+
+
+@pytest.mark.parametrize("unit", sorted(_PLAIN))
+def test_the_short_way_agrees_with_the_units_library(unit: str) -> None:
+    """Half a record's units are looked up in a table: the table must say what the library says."""
+    library = _registry().Quantity(1.0, _parse(unit)).to_base_units()
+    factor, symbol = _PLAIN[unit]
+    assert _parse(symbol).dimensionality == library.dimensionality
+    assert factor * _registry().Quantity(1.0, symbol).to_base_units().magnitude == pytest.approx(
+        library.magnitude, rel=1e-15
+    )

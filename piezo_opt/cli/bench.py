@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import Enum
@@ -9,7 +10,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
@@ -95,9 +95,11 @@ def hidden(
 @contextmanager
 def _counting() -> Iterator[Callable[[int, int], None] | None]:
     """Shows how many records are done, on a terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    if not sys.stderr.isatty():
         yield None
         return
+    from rich.console import Console
+
+    console = Console(stderr=True)
     with console.status("Making the first records") as status:
         yield lambda done, of: status.update(f"{done} of {of} records")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import typer
-from rich.console import Console
 
 QUIET_S = 5.0
 """Seconds between two plain lines, and before the first: a log of a run of an hour stays readable,
@@ -21,10 +21,12 @@ def telling(what: str) -> Iterator[Callable[[str], None]]:
     Args:
         what: the work, "Fit"; each sentence follows it.
     """
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    if not sys.stderr.isatty():
         yield _Lines(what)
         return
+    from rich.console import Console
+
+    console = Console(stderr=True)
     with console.status(what) as status:
         yield lambda sentence: status.update(f"{what}: {sentence}")
 

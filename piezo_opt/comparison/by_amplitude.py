@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
@@ -64,7 +64,7 @@ def _sentence(misfit: Misfit, swing: FloatArray, rms: FloatArray, count: FloatAr
     ratio = float(rms[-1] / rms[0])
     larger, smaller = (-1, 0) if ratio > 1.0 else (0, -1)
     quotient = max(ratio, 1.0 / ratio)
-    chance = float(stats.f.sf(quotient**2, int(count[larger]), int(count[smaller])))
+    chance = float(scipy.special.fdtrc(int(count[larger]), int(count[smaller]), quotient**2))
     if quotient < _RATIO or 2.0 * chance > ALARM:
         return ""
     unit, drive = misfit.record.position_unit, misfit.record.drive_unit

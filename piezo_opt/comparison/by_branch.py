@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
@@ -84,7 +84,7 @@ def _sentence(
     if size == 0.0:
         return ""
     score = np.where(count > 0, np.nan_to_num(mean), 0.0) * np.sqrt(count) / size
-    limit = float(stats.norm.isf(ALARM / (4 * mean.size)))
+    limit = float(-scipy.special.ndtri(ALARM / (4 * mean.size)))
     strong = (np.abs(score) > limit) & (np.abs(np.nan_to_num(mean)) > _PROMINENT * size)
     if not strong.any():
         return ""

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
-from scipy import ndimage, signal, stats
+import scipy
 
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
 from piezo_opt.comparison.words import brief
 from piezo_opt.measurement import FloatArray
+from piezo_opt.measurement.spectra import cross_density, density
 
 _FEWEST: Final = 32
 _FEWEST_SEGMENTS: Final = 4.0
@@ -75,17 +76,9 @@ def by_frequency(misfit: Misfit) -> ByFrequency:
     independent = segments / (1.0 + 2.0 / 36.0 * (segments - 1) / segments)
     rate = misfit.record.rate
 
-    def density(values: FloatArray, other: FloatArray) -> FloatArray:
-        return np.asarray(
-            signal.csd(
-                values, other, fs=rate, nperseg=length, noverlap=length // 2, detrend="constant"
-            )[1][1:]
-        )
-
     frequency = np.arange(1, length // 2 + 1, dtype=np.float64) * (rate / length)
-    ee, vv = (np.asarray(np.real(density(x, x)), dtype=np.float64) for x in (error, drive))
-    yy = np.asarray(np.real(density(reading, reading)), dtype=np.float64)
-    cross = np.abs(density(error, drive)) ** 2
+    ee, vv, yy = (density(x, rate=rate, length=length)[1:] for x in (error, drive, reading))
+    cross = np.abs(cross_density(error, drive, rate=rate, length=length)[1:]) ** 2
     excited = vv > 1e-9 * vv.max()
     with np.errstate(invalid="ignore", divide="ignore"):
         coherence = np.where(excited & (ee > 0), cross / (ee * vv), np.nan)
@@ -141,9 +134,11 @@ def _tone(misfit: Misfit, spectra: ByFrequency, drive: FloatArray, independent: 
     if power.size < 12:
         return ""
     wide = 2 * (min(31, power.size // 2) // 2) + 1
-    floor = ndimage.median_filter(power, size=wide, mode="nearest")
+    floor = scipy.ndimage.median_filter(power, size=wide, mode="nearest")
     freedom = 2.0 * independent
-    limit = float(stats.chi2.isf(ALARM / power.size, freedom) / stats.chi2.median(freedom))
+    limit = float(
+        scipy.special.chdtri(freedom, ALARM / power.size) / scipy.special.chdtri(freedom, 0.5)
+    )
     with np.errstate(invalid="ignore", divide="ignore"):
         prominence = np.where(floor > 0, power / floor, np.inf)
     prominence[power == 0.0] = 0.0

@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import Final, final
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.words import brief
@@ -56,7 +56,7 @@ def _sentence(misfit: Misfit, edges: FloatArray, rms: FloatArray, sizes: FloatAr
         return ""
     ratio = float(rms[worst]) / usual
     rest = misfit.error.size - int(sizes[worst])
-    chance = float(stats.f.sf(ratio**2, int(sizes[worst]), rest)) * rms.size
+    chance = float(scipy.special.fdtrc(int(sizes[worst]), rest, ratio**2)) * rms.size
     if ratio < _RATIO or chance > ALARM:
         return ""
     unit = misfit.record.position_unit

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 
 from piezo_opt.errors import InputError
 
@@ -138,7 +138,7 @@ def ei(omega: float, zeta: float, vibration: float = 0.05) -> Shaper:
         )  # fmt: skip
 
     start = np.array([*(begin / begin.sum())[:2], 1.0, 2.0, side, 2.0 - side])
-    found = optimize.least_squares(conditions, start, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    found = scipy.optimize.least_squares(conditions, start, xtol=1e-15, ftol=1e-15, gtol=1e-15)
     return _three(found.x, half)
 
 
@@ -170,5 +170,5 @@ def insensitivity(shaper: Shaper, omega: float, zeta: float, vibration: float = 
                 break
             last = here
         beyond = last + sign * grid[0]
-        edges.append(optimize.brentq(above, last, beyond) if above(beyond) > 0.0 else last)
+        edges.append(scipy.optimize.brentq(above, last, beyond) if above(beyond) > 0.0 else last)
     return float(edges[1] - edges[0])

@@ -38,8 +38,8 @@ from dataclasses import dataclass, replace
 from typing import Final, TypeAlias, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg, signal
 
 from piezo_opt.diagnosis.entering import Entering
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
@@ -341,7 +341,7 @@ def left_out(columns: FloatArray, r: FloatArray, damping: float = 1e-6) -> float
     ridge = damping * np.eye(columns.shape[1])
     left = 0.0
     for s, own_gram, own_side in zip(stretches, grams, sides, strict=True):
-        c = linalg.solve(gram - own_gram + ridge, side - own_side, assume_a="pos")
+        c = scipy.linalg.solve(gram - own_gram + ridge, side - own_side, assume_a="pos")
         left += float(np.sum((r[s] - columns[s] @ c) ** 2))
     return left
 
@@ -393,7 +393,7 @@ def _smallest(chain: Entering, place: Place, r: FloatArray, target: float) -> _C
 def _smoothed(u: FloatArray) -> FloatArray:
     """w with w + T w' = u, so that the size of u is integral (w^2 + T^2 w'^2) but for the ends."""
     fade = SMOOTH / (SMOOTH + 1.0)
-    return np.asarray(signal.lfilter([1.0 - fade], [1.0, -fade], u))
+    return np.asarray(scipy.signal.lfilter([1.0 - fade], [1.0, -fade], u))
 
 
 def _natural(chain: Entering, place: Place) -> float:

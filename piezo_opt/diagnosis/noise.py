@@ -7,8 +7,8 @@ from functools import lru_cache
 from typing import Final, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import signal
 
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.following import follows_drive
@@ -168,7 +168,7 @@ def _high_frequency(residual: FloatArray, record: Measurement) -> tuple[float, f
         mad = float(np.median(np.abs(second - np.median(second))))
         return (1.4826 * mad) ** 2 / 6.0, n / 3.0
     length = min(n, max(64, n // 8))
-    f, density = signal.welch(residual, fs=1.0, nperseg=length)
+    f, density = scipy.signal.welch(residual, fs=1.0, nperseg=length)
     top = density[f > 1.0 / 3.0]
     # The median of a spectrum averaged over few segments lies below its mean.
     segments = max(1.0, 2.0 * n / length - 1.0)

@@ -24,8 +24,8 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft, special
 
 from piezo_opt.diagnosis.base_point import BasePoint, Direction
 from piezo_opt.diagnosis.stopping import Pool
@@ -276,16 +276,16 @@ def chance(column: FloatArray, r: FloatArray, *, dense: bool = False) -> float:
     lags = memory(left)
     degrees = max(1.0, 3.0 * r.size / (lags + 1.0))
     score = np.sqrt(_wald(column, left, along, lags, dense=dense))
-    return float(2.0 * special.stdtr(degrees, -score))
+    return float(2.0 * scipy.special.stdtr(degrees, -score))
 
 
 def _lagged(x: FloatArray, lags: int) -> FloatArray:
     """sum_t x_t x_(t+k) for k = 0..lags < N."""
     # Zeros behind it keep so many lags from meeting its beginning.
-    size = fft.next_fast_len(x.size + lags, real=True)
-    spectrum = fft.rfft(x, size)
+    size = scipy.fft.next_fast_len(x.size + lags, real=True)
+    spectrum = scipy.fft.rfft(x, size)
     power = spectrum.real**2 + spectrum.imag**2
-    return np.asarray(fft.irfft(power, size)[: lags + 1])
+    return np.asarray(scipy.fft.irfft(power, size)[: lags + 1])
 
 
 def long_run_variance(terms: FloatArray, lags: int | None = None) -> float:

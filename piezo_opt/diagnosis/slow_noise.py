@@ -6,8 +6,8 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 FloatArray = NDArray[np.float64]
 
@@ -95,7 +95,7 @@ def _expected(samples: int) -> tuple[NDArray[np.intp], FloatArray, FloatArray, f
     count = np.diff(np.append(edges, size)).astype(float)
     # One candidate at a time: a million samples would need gigabytes otherwise.
     mean = np.stack([np.add.reduceat(_spectrum(samples, *c), edges) / count for c in _CANDIDATES])
-    return edges, count, mean, float(stats.chi2.isf(_RARE, count.size - 3))
+    return edges, count, mean, float(scipy.special.chdtri(count.size - 3, _RARE))
 
 
 def _edges(size: int) -> NDArray[np.intp]:

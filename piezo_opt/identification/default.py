@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from scipy import signal
 
 from piezo_opt.effects.model import Model
 from piezo_opt.effects.motion.second_order import SecondOrder
@@ -21,6 +20,7 @@ from piezo_opt.identification.starting import starting_values
 from piezo_opt.identification.stretch import busiest
 from piezo_opt.identification.unknowns import theta_of, unknowns
 from piezo_opt.measurement import Campaign, Measurement
+from piezo_opt.measurement.spectra import without_line
 
 _ENOUGH = 20_000
 """Samples of a long record that are enough to decide."""
@@ -104,7 +104,7 @@ def excitation(record: Measurement, omega: float) -> float:
     else; a triangle still has 1e-9 at its two-hundredth harmonic.
     """
     grid = np.linspace(record.time[0], record.time[-1], len(record))
-    drive = signal.detrend(np.interp(grid, record.time, record.drive)) * np.hanning(grid.size)
+    drive = without_line(np.interp(grid, record.time, record.drive)) * np.hanning(grid.size)
     power = np.abs(np.fft.rfft(drive)) ** 2
     at = 2.0 * np.pi * np.fft.rfftfreq(grid.size, grid[1] - grid[0])
     near = (at > 0.7 * omega) & (at < 1.4 * omega)

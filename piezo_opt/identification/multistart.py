@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -206,6 +205,8 @@ class _Log:
     """HDF5: attribute ``question`` (hash); one group a finished start."""
 
     def __init__(self, path: Path, question: str) -> None:
+        import h5py
+
         self._path = path
         if path.exists():
             try:
@@ -232,6 +233,8 @@ class _Log:
 
     def append(self, done: _Done) -> None:
         """Add one finished start and close the file, so that a crash loses nothing."""
+        import h5py
+
         with h5py.File(self._path, "a") as file:
             group = file.create_group(f"start_{done.index:06d}")
             group["theta"] = done.theta
@@ -243,6 +246,8 @@ class _Log:
 
     def read(self, unknown: Unknowns) -> list[_Done]:
         """Finished starts."""
+        import h5py
+
         found = []
         with h5py.File(self._path, "r") as file:
             for name in file:

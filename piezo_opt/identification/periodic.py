@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 FloatArray = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def period(position: FloatArray, residual: FloatArray) -> float | None:
     near, far = round(_LOBE / _FINE), round(_ASIDE / _FINE)
     beside = np.ones(2 * far + 1, dtype=bool)
     beside[far - near : far + near + 1] = False
-    around = ndimage.maximum_filter(power, footprint=beside, mode="nearest")
+    around = scipy.ndimage.maximum_filter(power, footprint=beside, mode="nearest")
     best = inside[np.argmax(power[inside] / np.maximum(around[inside], 1e-300))]
     if power[best] <= _PEAK * around[best]:
         return None

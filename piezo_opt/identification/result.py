@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from piezo_opt.effects.model import Model
 from piezo_opt.identification.monitor import Monitor
@@ -129,7 +129,7 @@ class Fit:
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval of an unknown (Student's t)."""
         free = max(1, self.residuals.size - len(self.names))
-        half = float(stats.t.ppf(0.5 + 0.5 * level, free)) * self.std[name]
+        half = float(scipy.special.stdtrit(free, 0.5 + 0.5 * level)) * self.std[name]
         return self.values[name] - half, self.values[name] + half
 
     @property

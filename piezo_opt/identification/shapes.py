@@ -12,13 +12,14 @@ from collections.abc import Collection, Mapping
 from itertools import product
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage, signal
 
 from piezo_opt.effects.base import Effect, Parameter, Place
 from piezo_opt.identification.periodic import period
 from piezo_opt.identification.unknowns import limits
 from piezo_opt.measurement import Measurement
+from piezo_opt.measurement.spectra import cross_density, density, frequencies, without_line
 
 FloatArray = NDArray[np.float64]
 
@@ -169,22 +170,24 @@ def resonances(record: Measurement, residual: FloatArray, *, broad: bool = False
     n = y.size
     if n >= 64:
         length = min(n, max(64, n // 4))
-        u, y = signal.detrend(u), signal.detrend(y)
-        f, cross = signal.csd(u, y, fs=1.0 / step, nperseg=length)
-        _, power = signal.welch(u, fs=1.0 / step, nperseg=length)
-        _, spectrum = signal.welch(y, fs=1.0 / step, nperseg=length)
+        rate, u, y = 1.0 / step, without_line(u), without_line(y)
+        f = frequencies(length, rate)
+        cross = cross_density(u, y, rate=rate, length=length)
+        power = density(u, rate=rate, length=length)
+        spectrum = density(y, rate=rate, length=length)
         with np.errstate(divide="ignore", invalid="ignore"):
             coherence = np.abs(cross) ** 2 / (power * spectrum)
             response = np.where(
                 (coherence > 0.5) & (power > 1e-8 * power.max()), np.abs(cross) / power, 0.0
             )
         found += _peaks(f, np.nan_to_num(response), 2)
-        f2, left = signal.welch(np.diff(v), fs=1.0 / step, nperseg=min(n - 1, length))
+        length = min(n - 1, length)
+        f2, left = frequencies(length, rate), density(np.diff(v), rate=rate, length=length)
         found += _peaks(f2, left, 2)
         if broad:
             # The median of a few lines passes over what is as narrow as a tone.
-            rise = ndimage.median_filter(left, 5, mode="nearest")
-            around = ndimage.median_filter(left, max(9, left.size // 16), mode="nearest")
+            rise = scipy.ndimage.median_filter(left, 5, mode="nearest")
+            around = scipy.ndimage.median_filter(left, max(9, left.size // 16), mode="nearest")
             found += _peaks(f2, rise / np.maximum(around, 1e-12 * (left.max() or 1.0)), 1)
     top = 0.8 * np.pi / step
     bottom = 2.0 * np.pi * 3.0 / record.duration

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft, stats
 
 from piezo_opt.identification.tall import gram, triangle
 from piezo_opt.simulation import INITIAL
@@ -96,9 +96,9 @@ def _autocorrelation(r: FloatArray, lags: int) -> FloatArray:
     """Correlation of a series with itself 1 to ``lags`` samples later."""
     centred = r - r.mean()
     power = float(centred @ centred) or 1.0
-    size = fft.next_fast_len(r.size + lags, real=True)
-    spectrum = fft.rfft(centred, size)
-    both = fft.irfft(np.abs(spectrum) ** 2, size)
+    size = 1 << (r.size + lags - 1).bit_length()
+    spectrum = np.fft.rfft(centred, size)
+    both = np.fft.irfft(np.abs(spectrum) ** 2, size)
     return np.asarray(both[1 : lags + 1] / power)
 
 
@@ -109,7 +109,7 @@ def _coloured(r: FloatArray) -> bool:
         return False
     rho = _autocorrelation(r, lags)
     q = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
-    return bool(q > stats.chi2.ppf(0.999, lags))
+    return bool(q > scipy.special.chdtri(lags, 0.001))
 
 
 def _memory(r: FloatArray) -> int:

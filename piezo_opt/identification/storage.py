@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,6 +44,8 @@ def save_fit(fit: Fit, path: str | os.PathLike[str], *, overwrite: bool = False)
     Raises:
         InputError: the file exists and ``overwrite`` is not given, or cannot be written.
     """
+    import h5py
+
     target = Path(path)
     with replacing(target, overwrite=overwrite) as scratch:
         # The records' writer goes by the suffix and never overwrites.
@@ -78,6 +79,8 @@ def load_fit(path: str | os.PathLike[str], *, model: Model | None = None) -> Fit
     Raises:
         InputError: the file is no such file, or is broken.
     """
+    import h5py
+
     campaign = read_campaign(path)
     try:
         with h5py.File(path, "r") as file:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy import signal
 
 from piezo_opt.measurement.arrays import FloatArray
 from piezo_opt.measurement.between import Between
 from piezo_opt.measurement.clock import Clock
+from piezo_opt.measurement.spectra import without_line
 from piezo_opt.units import show
 
 
@@ -75,6 +75,6 @@ def _fast_fraction(clock: Clock, drive: FloatArray) -> float:
     even = drive[bounds[longest] + 1 : bounds[longest + 1] + 1]
     if even.size < 16:
         return 0.0
-    power = np.abs(np.fft.rfft(signal.detrend(even) * np.hanning(even.size))) ** 2
+    power = np.abs(np.fft.rfft(without_line(even) * np.hanning(even.size))) ** 2
     total = float(power.sum())
     return float(power[power.size // 2 + 1 :].sum()) / total if total > 0 else 0.0

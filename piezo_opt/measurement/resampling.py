@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from scipy import signal
-from scipy.interpolate import CubicSpline
+import scipy
 
 from piezo_opt.measurement.arrays import FloatArray
 from piezo_opt.measurement.between import Between
@@ -76,7 +75,7 @@ def resampling(clock: Clock, step: float, *, between: Between, period: float | N
 
 def _by_fourier(clock: Clock, step: float, count: int) -> Resampling:
     def series(values: FloatArray) -> FloatArray:
-        return np.asarray(signal.resample(values, count), dtype=np.float64)
+        return np.asarray(scipy.signal.resample(values, count), dtype=np.float64)
 
     time = clock.time[0] + step * np.arange(count)
     return Resampling(time, Between.BANDLIMITED, drive=series, other=series)
@@ -89,12 +88,15 @@ def _low_passed(values: FloatArray, ratio: float) -> FloatArray:
     stays a trend.
     """
     half = min(int(np.ceil(20.0 / ratio)), values.size - 1)
-    kernel = signal.firwin(2 * half + 1, 0.8 * ratio, window=("kaiser", 5.65))
+    kernel = scipy.signal.firwin(2 * half + 1, 0.8 * ratio, window=("kaiser", 5.65))
     head = 2.0 * values[0] - values[half:0:-1]
     tail = 2.0 * values[-1] - values[-2 : -half - 2 : -1]
     extended = np.concatenate([head, values, tail])
-    return np.asarray(signal.oaconvolve(extended, kernel, mode="valid"), dtype=np.float64)
+    return np.asarray(scipy.signal.oaconvolve(extended, kernel, mode="valid"), dtype=np.float64)
 
 
 def _cubic(time: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
-    return np.asarray(CubicSpline(time, values)(np.clip(at, time[0], time[-1])), dtype=np.float64)
+    return np.asarray(
+        scipy.interpolate.CubicSpline(time, values)(np.clip(at, time[0], time[-1])),
+        dtype=np.float64,
+    )

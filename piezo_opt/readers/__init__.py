@@ -10,8 +10,6 @@ from piezo_opt.errors import InputError
 from piezo_opt.measurement import Between, Campaign, Measurement
 from piezo_opt.readers.columns import Table, Wanted, measurement_from
 from piezo_opt.readers.csv import table_from_csv, write_csv
-from piezo_opt.readers.hdf5 import campaign_from_hdf5, table_from_hdf5, write_hdf5
-from piezo_opt.readers.mat import table_from_mat
 from piezo_opt.units import quantity
 
 __all__ = ["read", "read_campaign", "write"]
@@ -53,6 +51,8 @@ def read(
     file = Path(path)
     suffix = _suffix(file)
     if suffix in _HDF5:
+        from piezo_opt.readers.hdf5 import campaign_from_hdf5
+
         campaign = campaign_from_hdf5(file)
         if campaign is not None:
             return _adjusted(file, _one_of(file, campaign, record), wanted)
@@ -65,6 +65,8 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
     """All records of a file; a file with one record gives a campaign of one."""
     file = Path(path)
     if _suffix(file) in _HDF5:
+        from piezo_opt.readers.hdf5 import campaign_from_hdf5
+
         campaign = campaign_from_hdf5(file)
         if campaign is not None:
             return campaign
@@ -85,6 +87,8 @@ def write(
     file = Path(path)
     suffix = file.suffix.lower()
     if suffix in _HDF5:
+        from piezo_opt.readers.hdf5 import write_hdf5
+
         write_hdf5(records, file, overwrite=overwrite)
         return
     if suffix != ".csv":
@@ -107,8 +111,12 @@ def _suffix(file: Path) -> str:
 
 def _table(file: Path, suffix: str) -> Table:
     if suffix in _HDF5:
+        from piezo_opt.readers.hdf5 import table_from_hdf5
+
         return table_from_hdf5(file)
     if suffix in _MATLAB:
+        from piezo_opt.readers.mat import table_from_mat
+
         return table_from_mat(file)
     return table_from_csv(file)
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-from scipy import io
+import scipy
 
 from piezo_opt.errors import InputError
 from piezo_opt.readers.columns import Column, Table, known_unit
@@ -50,9 +50,9 @@ def _variables(file: Path) -> dict[str, Any]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             # Sizes first: a small compressed file can unfold to more than the memory holds.
-            for _, shape, _ in io.whosmat(file):
+            for _, shape, _ in scipy.io.whosmat(file):
                 refuse_rows(file, math.prod(shape))
-            return dict(io.loadmat(file, simplify_cells=True))
+            return dict(scipy.io.loadmat(file, simplify_cells=True))
     except InputError:
         raise
     except Exception as error:  # a damaged file surfaces as any of the library's many errors

@@ -13,8 +13,8 @@ from typing import final
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage, signal
 
 from piezo_opt.errors import InputError
 from piezo_opt.lazy import lazy
@@ -168,8 +168,11 @@ def _way(position: FloatArray) -> FloatArray:
     What swings may be at its turn at one sample and in full motion at the next: every stretch
     counts as its fastest neighbour.
     """
-    stretches = ndimage.maximum_filter1d(np.abs(np.diff(position)), 3)
-    return np.concatenate([[0.0], np.cumsum(stretches)])
+    stretches = np.abs(np.diff(position))
+    fastest = stretches.copy()
+    np.maximum(fastest[1:], stretches[:-1], out=fastest[1:])
+    np.maximum(fastest[:-1], stretches[1:], out=fastest[:-1])
+    return np.concatenate([[0.0], np.cumsum(fastest)])
 
 
 def _lines(record: Measurement, t: FloatArray, drive: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -189,7 +192,7 @@ def _closed(
     channels = np.vstack([beside[inside], beside[:1]])
     gone = np.append(way[inside], np.interp(period, t, way))
     if record.between is Between.BANDLIMITED:
-        fine = signal.resample(record.drive[inside], int(inside.sum()) * _FINER)
+        fine = scipy.signal.resample(record.drive[inside], int(inside.sum()) * _FINER)
         value = np.append(fine, fine[0])
         return Drive(np.linspace(0.0, period, value.size), value, time, channels, gone)
     drive = np.append(record.drive[inside], record.drive[0])
@@ -245,7 +248,7 @@ def _band_limited(record: Measurement) -> tuple[FloatArray, FloatArray]:
     n = record.time.size
     if record.period is not None:
         one = round(record.period / record.step)
-        fine = signal.resample(record.drive[:one], one * _FINER)
+        fine = scipy.signal.resample(record.drive[:one], one * _FINER)
         total = (n - 1) * _FINER + 1
         value = np.resize(fine, total)
     else:
@@ -254,8 +257,8 @@ def _band_limited(record: Measurement) -> tuple[FloatArray, FloatArray]:
         d = np.asarray(record.drive)
         ends = np.concatenate([2 * d[0] - d[pad:0:-1], d, 2 * d[-1] - d[-2 : -pad - 2 : -1]])
         # Ripples by 1e-4 of the drive up to 0.9 of the band; resample_poly's own filter by 2e-3.
-        smooth = _FINER * signal.firwin(64 * _FINER + 1, 1.0 / _FINER, window=("kaiser", 8.0))
-        fine = signal.upfirdn(smooth, ends, up=_FINER)[32 * _FINER :]
+        smooth = _FINER * scipy.signal.firwin(64 * _FINER + 1, 1.0 / _FINER, window=("kaiser", 8.0))
+        fine = scipy.signal.upfirdn(smooth, ends, up=_FINER)[32 * _FINER :]
         value = fine[pad * _FINER : pad * _FINER + (n - 1) * _FINER + 1]
     time = np.arange(value.size) * (record.step / _FINER)
     return np.asarray(time, dtype=np.float64), np.asarray(value, dtype=np.float64)

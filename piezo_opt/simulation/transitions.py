@@ -19,9 +19,8 @@ from itertools import pairwise
 from typing import final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.linalg import SuperLU, splu
 
 from piezo_opt.lazy import lazy
 from piezo_opt.simulation.scheme import INITIAL, INPUTS, Scheme, scheme
@@ -121,15 +120,15 @@ class Transitions:
         return np.asarray(np.einsum("kn,knq->kq", self._c, x))
 
 
-def _triangular(a: FloatArray) -> SuperLU:
+def _triangular(a: FloatArray) -> scipy.sparse.linalg.SuperLU:
     """The chain x_(k+1) - A_k x_k = push_k as a factorised sparse matrix; it fills nothing in."""
     count, n = a.shape[0], a.shape[1]
     k, i, j = np.meshgrid(np.arange(count), np.arange(n), np.arange(n), indexing="ij")
     rows, columns = ((k + 1) * n + i).ravel(), (k * n + j).ravel()
     size = (count + 1) * n
-    below = sparse.csc_matrix((-a.ravel(), (rows, columns)), shape=(size, size))
-    whole = sparse.csc_matrix(below + sparse.identity(size, format="csc"))
-    return splu(whole, permc_spec="NATURAL", diag_pivot_thresh=0.0)
+    below = scipy.sparse.csc_matrix((-a.ravel(), (rows, columns)), shape=(size, size))
+    whole = scipy.sparse.csc_matrix(below + scipy.sparse.identity(size, format="csc"))
+    return scipy.sparse.linalg.splu(whole, permc_spec="NATURAL", diag_pivot_thresh=0.0)
 
 
 def _intervals(

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 
 from piezo_opt.diagnosis.advice.gate import allowed
 from piezo_opt.diagnosis.base_point import Direction
@@ -93,7 +93,7 @@ def distance_to(
 def _cone(gram: FloatArray, along: FloatArray) -> float:
     """Most of a signal's power that a sum of columns with no negative factor explains [m^2]."""
     root, reached = _root(gram, along)
-    factors, _ = optimize.nnls(root, reached)
+    factors, _ = scipy.optimize.nnls(root, reached)
     return float(2.0 * factors @ along - factors @ gram @ factors)
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import Bounds, OptimizeResult, differential_evolution
 
 from piezo_opt.errors import InputError
 from piezo_opt.identification.objective import Objective
@@ -61,12 +61,13 @@ class DifferentialEvolution:
         def value(at: FloatArray) -> float:
             return cost(box.outside(at))
 
-        def report(intermediate_result: OptimizeResult) -> None:
+        def report(intermediate_result: scipy.optimize.OptimizeResult) -> None:
             if cost.finite:
                 monitor.iterate(box.outside(intermediate_result.x), cost.best_rms)
 
-        found: Any = differential_evolution(
-            value, Bounds(np.zeros(theta.size), np.ones(theta.size)), x0=box.inside(theta),
+        bounds = scipy.optimize.Bounds(np.zeros(theta.size), np.ones(theta.size))
+        found: Any = scipy.optimize.differential_evolution(
+            value, bounds, x0=box.inside(theta),
             rng=np.random.default_rng(self.seed), maxiter=self.generations,
             popsize=self.population, tol=self.tolerance, polish=False, callback=report,
         )  # fmt: skip

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.outcome import Ending
@@ -207,7 +207,7 @@ def _step(
         pulled = gradient[free] + normal[free] @ step
         system = normal[free[:, None], free] / (size[:, None] * size)
         system.flat[:: free.size + 1] += damping
-        _, found, failed = lapack.dposv(system, -pulled / size)
+        _, found, failed = scipy.linalg.lapack.dposv(system, -pulled / size)
         if failed:  # so nearly dependent that rounding has taken its definiteness
             found = np.linalg.solve(system, -pulled / size)
         step[free] = found / size

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import Bounds, OptimizeResult, minimize
 
 from piezo_opt.errors import InputError
 from piezo_opt.identification.objective import Objective
@@ -72,7 +72,7 @@ class NelderMead:
         def value(at: FloatArray) -> float:
             return cost(inside(at))
 
-        def report(*, intermediate_result: OptimizeResult) -> None:
+        def report(*, intermediate_result: scipy.optimize.OptimizeResult) -> None:
             monitor.iterate(inside(intermediate_result.x), cost.best_rms)
 
         # Keyword-only by SciPy's convention, which its type stubs do not know.
@@ -81,8 +81,8 @@ class NelderMead:
         for _ in range(self.restarts + 1):
             height = cost(theta)
             simplex = _simplex(theta / scale, low, high, self.first_step)
-            found: Any = minimize(
-                value, theta / scale, method="Nelder-Mead", bounds=Bounds(low, high),
+            found: Any = scipy.optimize.minimize(
+                value, theta / scale, method="Nelder-Mead", bounds=scipy.optimize.Bounds(low, high),
                 callback=callback,
                 options={
                     "initial_simplex": simplex, "adaptive": self.adaptive,

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.outcome import Ending
@@ -74,7 +74,7 @@ class ScipyLeastSquares:
             monitor.iterate(unknowns.clip(at), objective.rms(point.residual))
             return point.jacobian / unit
 
-        found: Any = least_squares(
+        found: Any = scipy.optimize.least_squares(
             residual, theta, jac=jacobian, bounds=(unknowns.low, unknowns.high),
             x_scale=unknowns.scale, loss=_LOSS[objective.question.loss.shape],
             f_scale=objective.question.loss.scale / unit, max_nfev=self.evaluations,

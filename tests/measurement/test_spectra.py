@@ -1,0 +1,26 @@
+"""Spectra against the signal-processing library, which the package does without at its start."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from piezo_opt.measurement.spectra import cross_density, density, frequencies, without_line
+
+RNG = np.random.default_rng(3)
+ONE, OTHER = RNG.normal(size=(2, 1001)).cumsum(axis=1)
+
+
+@pytest.mark.parametrize("length", [64, 65, 1000, 1001])
+def test_densities_are_those_of_the_library(length: int) -> None:
+    f, cross = signal.csd(ONE, OTHER, fs=250.0, nperseg=length)
+    np.testing.assert_allclose(frequencies(length, 250.0), f, rtol=1e-14)
+    ours = cross_density(ONE, OTHER, rate=250.0, length=length)
+    np.testing.assert_allclose(ours, cross, rtol=1e-9, atol=1e-12 * np.abs(cross).max())
+    _, power = signal.welch(ONE, fs=250.0, nperseg=length)
+    ours = density(ONE, rate=250.0, length=length)
+    np.testing.assert_allclose(ours, power, rtol=1e-9, atol=1e-12 * power.max())
+
+
+def test_a_line_is_taken_out() -> None:
+    np.testing.assert_allclose(without_line(ONE), signal.detrend(ONE), atol=1e-10)
+    np.testing.assert_array_equal(without_line(np.array([7.0])), [0.0])
