@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from piezo_opt.effects import Effect, Model
     from piezo_opt.errors import InputError, ModelError, PiezoOptError
     from piezo_opt.identification import (
+        Bootstrap,
         CmaEs,
         Collocation,
         DifferentialEvolution,
@@ -27,14 +28,18 @@ if TYPE_CHECKING:
         MultipleShooting,
         NelderMead,
         Prior,
+        Profile,
+        Profiles,
         ScipyLeastSquares,
         Shape,
         SingleShooting,
         Sqp,
         Start,
+        bootstrap,
         default_model,
         load_fit,
         priors_from,
+        profile_likelihood,
         save_fit,
         solve,
     )
@@ -49,6 +54,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Between",
+    "Bootstrap",
     "Campaign",
     "CmaEs",
     "Collocation",
@@ -71,6 +77,8 @@ __all__ = [
     "NelderMead",
     "PiezoOptError",
     "Prior",
+    "Profile",
+    "Profiles",
     "Response",
     "ScipyLeastSquares",
     "Shape",
@@ -78,6 +86,7 @@ __all__ = [
     "Sqp",
     "Start",
     "Values",
+    "bootstrap",
     "compare",
     "default_model",
     "diagnose",
@@ -87,6 +96,7 @@ __all__ = [
     "load_fit",
     "physics",
     "priors_from",
+    "profile_likelihood",
     "quantity",
     "read",
     "read_campaign",
@@ -105,9 +115,10 @@ _ROOMS: Final = {
     "effects": "Effect Model",
     "errors": "InputError ModelError PiezoOptError",
     "identification": (
-        "CmaEs Collocation DifferentialEvolution Fatrop Fit Identification Ipopt "
-        "LevenbergMarquardt Loss MultipleShooting NelderMead Prior ScipyLeastSquares "
-        "Shape SingleShooting Sqp Start default_model load_fit priors_from save_fit solve "
+        "Bootstrap CmaEs Collocation DifferentialEvolution Fatrop Fit Identification Ipopt "
+        "LevenbergMarquardt Loss MultipleShooting NelderMead Prior Profile Profiles "
+        "ScipyLeastSquares Shape SingleShooting Sqp Start bootstrap default_model load_fit "
+        "priors_from profile_likelihood save_fit solve "
     ),
     "measurement": "Between Campaign Measurement",
     "readers": "read read_campaign write",

@@ -146,11 +146,12 @@ class Coverage:
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Job:
+class _Task:
+    """What all draws share; travels to each worker once."""
+
     question: Identification
     truth: Mapping[str, float]
     noise: float
-    seed: int
     level: float
 
 
@@ -187,11 +188,11 @@ def coverage(
             f"coverage(noise={noise}, level={level}, {len(seeds)} seeds): give a positive noise in "
             "metres, a level between 0 and 1, and at least one seed."
         )
-    jobs = [_Job(question, truth, noise, seed, level) for seed in seeds]
+    task = _Task(question, truth, noise, level)
     names: tuple[str, ...] = ()
     draws: list[Draw] = []
     try:
-        for named, draw in run_jobs(_draw, jobs, executor, progress):
+        for named, draw in run_jobs(_draw, task, seeds, executor, progress, _lost):
             names = named
             draws.append(draw)
     except KeyboardInterrupt:
@@ -201,8 +202,12 @@ def coverage(
     return Coverage(names, level, tuple(sorted(draws, key=lambda d: order[d.seed])))
 
 
-def _draw(job: _Job) -> tuple[tuple[str, ...], Draw]:
-    generator = np.random.default_rng(job.seed)
+def _lost(seed: int, sentence: str) -> tuple[tuple[str, ...], Draw]:
+    raise InputError(f"coverage: seed {seed}: {sentence}")
+
+
+def _draw(job: _Task, seed: int) -> tuple[tuple[str, ...], Draw]:
+    generator = np.random.default_rng(seed)
     records = tuple(
         r.with_(position=r.position + generator.normal(scale=job.noise, size=len(r)))
         for r in job.question.campaign.records
@@ -223,7 +228,7 @@ def _draw(job: _Job) -> tuple[tuple[str, ...], Draw]:
     scaled = error[seen] / deviation[seen]
     correlation = fit.correlation[np.ix_(seen, seen)]
     return fit.names, Draw(
-        job.seed,
+        seed,
         error / deviation,
         half / deviation,
         # An unknown at a bound has no stated deviation: its error is then not explained at all.

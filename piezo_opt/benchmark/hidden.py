@@ -323,7 +323,8 @@ def hidden_bench(
         known = {(row.label, row.seed) for row in done}
         left = [job for job in jobs if (job.label, job.seed) not in known]
         try:
-            for row in run_jobs(_judge, left, executor, _offset(progress, len(done), len(jobs))):
+            tell = _offset(progress, len(done), len(jobs))
+            for row in run_jobs(_judge, None, left, executor, tell, _lost):
                 done.append(row)
                 if keep is not None:
                     keep.write(json.dumps(asdict(row)) + "\n")
@@ -349,7 +350,12 @@ def measurement(record: HiddenRecord, name: str) -> Measurement:
     )
 
 
-def _judge(job: _Job) -> Judged:
+def _lost(job: _Job, sentence: str) -> Judged:
+    """A record whose process died counts as one that broke the diagnosis."""
+    return Judged(job.label, (), job.seed, error=sentence)
+
+
+def _judge(nothing: None, job: _Job) -> Judged:  # noqa: ARG001
     begin = perf_counter()
     names: tuple[str, ...] = ()
     try:

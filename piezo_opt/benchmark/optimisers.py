@@ -270,13 +270,21 @@ _FACTORS = (1.0, 2.0, 5.0, 10.0, 50.0)
 
 @final
 @dataclass(frozen=True, eq=False)
+class _Task:
+    """What all runs share; travels to each worker once."""
+
+    problems: Mapping[str, Identification]
+    contenders: Mapping[str, Contender]
+    limit_s: float
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class _Job:
     problem: str
-    question: Identification
-    contender: Contender
+    contender: str
     start: int
     values: Mapping[str, float]
-    limit_s: float
 
 
 def race(
@@ -321,14 +329,15 @@ def race(
             "different names (name=...), one start or more, and a positive time."
         )
     jobs = [
-        _Job(name, question, contender, start, values, limit_s)
+        _Job(name, contender, start, values)
         for name, question in problems.items()
         for start, values in enumerate(_starts(question, starts, seed))
-        for contender in contenders
+        for contender in names
     ]
+    task = _Task(dict(problems), dict(zip(names, contenders, strict=True)), limit_s)
     runs: list[Run] = []
     try:
-        for run in run_jobs(_run, jobs, executor, progress):
+        for run in run_jobs(_run, task, jobs, executor, progress, _lost):
             runs.append(run)
     except KeyboardInterrupt:
         if not runs:
@@ -351,16 +360,21 @@ def _starts(question: Identification, count: int, seed: int) -> list[Mapping[str
     return [dict(zip(unknown.names, point.tolist(), strict=True)) for point in points]
 
 
-def _run(job: _Job) -> Run:
+def _lost(job: _Job, sentence: str) -> Run:
+    return Run(job.problem, job.contender, job.start, float("inf"), "failed", 0, 0.0, sentence)
+
+
+def _run(task: _Task, job: _Job) -> Run:
     stopped: list[float] = []
-    problem, name = job.problem, job.contender.name
+    problem, name = job.problem, job.contender
+    contender = task.contenders[name]
     try:
         fit = solve(
-            job.question,
-            transcription=job.contender.transcription,
-            solver=job.contender.solver,
+            task.problems[problem],
+            transcription=contender.transcription,
+            solver=contender.solver,
             start=job.values,
-            progress=_clock(job.limit_s, stopped),
+            progress=_clock(task.limit_s, stopped),
         )
     except PiezoOptError as refusal:
         return Run(problem, name, job.start, float("inf"), "skipped", 0, 0.0, str(refusal))
@@ -370,7 +384,7 @@ def _run(job: _Job) -> Run:
     if fit.outcome.ending is Ending.INTERRUPTED:
         if not stopped:
             raise KeyboardInterrupt
-        reason = f"stopped after {job.limit_s:g} s"
+        reason = f"stopped after {task.limit_s:g} s"
     return Run(
         problem, name, job.start, fit.rms, fit.outcome.ending.value, fit.evaluations.total,
         fit.wall_s, reason,

@@ -38,6 +38,13 @@ class TranscriptionName(Enum):
     COLLOCATION = "collocation"
 
 
+class IntervalsName(Enum):
+    """Ways to intervals by fitting again."""
+
+    BOOTSTRAP = "bootstrap"
+    PROFILE = "profile"
+
+
 _SOLVERS: Final[Mapping[SolverName, Callable[[], Any]]] = {
     SolverName.LM: LevenbergMarquardt,
     SolverName.SCIPY: ScipyLeastSquares,

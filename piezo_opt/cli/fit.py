@@ -10,6 +10,7 @@ from piezo_opt.cli.choices import TranscriptionName
 from piezo_opt.cli.inputs import DEFAULT, Reading, asked, parted
 from piezo_opt.cli.solving import Solving, leave
 from piezo_opt.comparison import compare
+from piezo_opt.identification import Ending
 
 
 def fit(
@@ -32,6 +33,8 @@ def fit(
     seed: o.Seed = 0,
     log: o.Log = None,
     workers: o.Workers = 1,
+    intervals: o.Intervals = None,
+    replicates: o.Replicates = 200,
     overwrite: o.Overwrite = False,
     quiet: o.Quiet = False,
 ) -> None:
@@ -42,6 +45,8 @@ def fit(
       piezo-opt fit loop.csv --json fit.json --report fit.html
       piezo-opt fit loop.csv --model creep.toml --split "40 s"
       piezo-opt fit sweep.csv --drive "u [V]" --position "y [nm]" --starts 20 --workers 2
+      piezo-opt fit loop.csv --intervals bootstrap --replicates 1000 --workers 4
+      piezo-opt fit loop.csv --intervals profile
 
     A CSV file has a header with units: time [s],voltage [V],displacement [um].
     Ctrl-C prints the best so far and exits with 130.
@@ -52,8 +57,15 @@ def fit(
     question, remarks = asked(model, train, start)
     answer = Solving(solver, transcription, starts, seed, log, workers).fit(question, remarks)
     comparison = compare(answer, on=test)
+    sure = None
+    if intervals is not None and answer.outcome.ending is not Ending.INTERRUPTED:
+        from piezo_opt.cli.intervals import intervals as found
+
+        sure = found(answer, intervals, replicates=replicates, seed=seed, workers=workers, log=log)
     if json is not None:
         data = answer.to_dict()
+        if sure is not None:
+            data["intervals"] = sure.to_dict()
         if test is not None:
             data["held_out"] = comparison.to_dict()
         outputs.write_json(json, data, overwrite=overwrite)
@@ -62,5 +74,6 @@ def fit(
 
         results = (answer,) if test is None else (answer, comparison)
         write_report(report, *results, overwrite=overwrite)
-    typer.echo(answer.outcome.sentence if quiet else f"{answer}\n\n{comparison}")
+    parts = (answer, comparison) if sure is None else (answer, sure, comparison)
+    typer.echo(answer.outcome.sentence if quiet else "\n\n".join(map(str, parts)))
     leave(answer)

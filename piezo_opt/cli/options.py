@@ -7,7 +7,7 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from piezo_opt.cli.choices import SolverName, TranscriptionName
+from piezo_opt.cli.choices import IntervalsName, SolverName, TranscriptionName
 from piezo_opt.identification import Start
 from piezo_opt.measurement import Between
 
@@ -67,10 +67,20 @@ Starts: TypeAlias = Annotated[
 Seed: TypeAlias = Annotated[int, typer.Option(min=0, help="Of the random starts.")]
 Log: TypeAlias = Annotated[
     Path | None,
-    typer.Option(metavar="FILE.h5", help="Keeps finished starts; a second run goes on from it."),
+    typer.Option(
+        metavar="FILE.h5",
+        help="Keeps finished starts (and intervals, in FILE.intervals.h5); a second run goes on.",
+    ),
 ]
 Workers: TypeAlias = Annotated[
     int, typer.Option(min=1, metavar="N", help="Processes that share the starts.")
+]
+Intervals: TypeAlias = Annotated[
+    IntervalsName | None,
+    typer.Option(help="Intervals by fitting again and again, beside those of the covariance."),
+]
+Replicates: TypeAlias = Annotated[
+    int, typer.Option(min=20, metavar="N", help="Replicates of a bootstrap.")
 ]
 Json: TypeAlias = Annotated[
     Path | None, typer.Option("--json", metavar="OUT.json", help="Write the result in SI units.")

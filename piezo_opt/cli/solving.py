@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ from piezo_opt.cli import choices
 from piezo_opt.cli.choices import SolverName, TranscriptionName
 from piezo_opt.cli.telling import telling
 from piezo_opt.identification import Ending, Fit, Identification, Progress, solve
+from piezo_opt.spread import deaf
 from piezo_opt.units import show
 
 INTERRUPTED = 130
@@ -71,7 +71,7 @@ def pool(workers: int) -> Iterator[Executor | None]:
         return
     # A forked child would share the threads of libraries that are already loaded.
     context = multiprocessing.get_context("spawn")
-    processes = ProcessPoolExecutor(workers, mp_context=context, initializer=_deaf)
+    processes = ProcessPoolExecutor(workers, mp_context=context, initializer=deaf)
     before = set(multiprocessing.active_children())
     try:
         yield processes
@@ -80,11 +80,6 @@ def pool(workers: int) -> Iterator[Executor | None]:
         processes.shutdown(wait=False, cancel_futures=True)
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
-
-
-def _deaf() -> None:
-    """Ctrl-C reaches every process of a terminal; only the first one answers it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _counted(tell: Callable[[str], None]) -> Callable[[Progress], None]:

@@ -1,5 +1,6 @@
 """Identification: the question, its transcriptions and solvers, and the answer."""
 
+from piezo_opt.identification.bootstrap import Bootstrap, bootstrap
 from piezo_opt.identification.collocation import Collocation
 from piezo_opt.identification.default import default_model
 from piezo_opt.identification.expected import priors_from
@@ -7,6 +8,7 @@ from piezo_opt.identification.monitor import Progress
 from piezo_opt.identification.multiple_shooting import MultipleShooting
 from piezo_opt.identification.outcome import Ending, Evaluations, Outcome, Trace
 from piezo_opt.identification.problem import Identification, Loss, Prior, Shape, Start
+from piezo_opt.identification.profile import Profile, Profiles, profile_likelihood
 from piezo_opt.identification.result import Fit, StartResult
 from piezo_opt.identification.solve import solve, too_coarse, with_statistics
 from piezo_opt.identification.solvers.cma_es import CmaEs
@@ -19,6 +21,7 @@ from piezo_opt.identification.storage import load_fit, save_fit
 from piezo_opt.identification.transcription import SingleShooting
 
 __all__ = [
+    "Bootstrap",
     "CmaEs",
     "Collocation",
     "DifferentialEvolution",
@@ -34,6 +37,8 @@ __all__ = [
     "NelderMead",
     "Outcome",
     "Prior",
+    "Profile",
+    "Profiles",
     "Progress",
     "ScipyLeastSquares",
     "Shape",
@@ -42,9 +47,11 @@ __all__ = [
     "Start",
     "StartResult",
     "Trace",
+    "bootstrap",
     "default_model",
     "load_fit",
     "priors_from",
+    "profile_likelihood",
     "save_fit",
     "solve",
     "too_coarse",

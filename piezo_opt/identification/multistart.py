@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Iterator
-from concurrent.futures import Executor, as_completed
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import final
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.errors import InputError, ModelError
+from piezo_opt.errors import ModelError
+from piezo_opt.identification.log import Entry, Log, fingerprint
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.outcome import Ending
 from piezo_opt.identification.problem import Identification
@@ -21,8 +20,11 @@ from piezo_opt.identification.result import StartResult
 from piezo_opt.identification.solvers.base import Solution
 from piezo_opt.identification.transcription import Transcription
 from piezo_opt.identification.unknowns import Unknowns
+from piezo_opt.spread import Lost, spread
 
 FloatArray = NDArray[np.float64]
+
+_DIFFER: Final = "model, records, bounds, loss, start, seed, transcription or solver"
 
 
 @final
@@ -83,20 +85,15 @@ def draw(unknown: Unknowns, question: Identification, centre: FloatArray, seed: 
     return unknown.clip(theta)
 
 
-def _run(
-    question: Identification,
-    unknown: Unknowns,
-    theta: FloatArray,
-    transcription: Transcription,
-    solver: object | None,
-    index: int,
-) -> _Done:
-    monitor = Monitor(unknown.names)
+def _run(task: _Task, job: tuple[int, FloatArray]) -> _Done:
+    index, theta = job
+    monitor = Monitor(task.unknown.names)
     try:
-        solution = transcription.identify(question, unknown, theta, solver, monitor)
+        solution = task.transcription.identify(
+            task.question, task.unknown, theta, task.solver, monitor
+        )
     except (ArithmeticError, ModelError) as error:
-        return _Done(index, theta, np.inf, np.inf, Ending.FAILED, str(error), 0, 0,
-                     np.zeros((0, theta.size)), np.zeros(0))  # fmt: skip
+        return _failed(index, theta, str(error))
     except KeyboardInterrupt:
         if monitor.best is None:
             raise
@@ -122,19 +119,22 @@ def run_starts(
     monitor: Monitor,
 ) -> Runs:
     """Run all starts that the log does not hold yet; the best one's iterates go to the monitor."""
-    kept = _Log(Path(log), _fingerprint(question, unknown, centre, seed)) if log else None
-    done = {d.index: d for d in (kept.read(unknown) if kept else [])}
-    todo = [i for i in range(starts) if i not in done]
+    kept: Log | None = None
+    if log:
+        asked = fingerprint(question, unknown, centre, seed, transcription, solver)
+        kept = Log(log, "piezo_opt/starts/2", asked, _DIFFER)
+    done = {d.index: d for d in map(_done, kept.entries() if kept else ())}
+    points = {i: draw(unknown, question, centre, seed, i) for i in range(starts) if i not in done}
     interrupted = False
     try:
-        for one in _each(question, unknown, centre, transcription, solver, seed, executor, todo):
+        for one in _each(_Task(question, unknown, transcription, solver), points, executor):
             done[one.index] = one
             monitor.simulations += one.simulations
             monitor.with_sensitivities += one.with_sensitivities
             # An unfinished start may be the best so far, but must be run again.
             interrupted = one.ending is Ending.INTERRUPTED
             if kept and not interrupted:
-                kept.append(one)
+                kept.append(_entry(one))
             best = min(done.values(), key=lambda d: d.cost)
             monitor.saw(best.theta, best.cost)
             monitor.iterate(best.theta, best.rms)
@@ -157,110 +157,48 @@ def run_starts(
     return Runs(results, best.theta, ending, best.sentence)
 
 
-def _each(
-    question: Identification,
-    unknown: Unknowns,
-    centre: FloatArray,
-    transcription: Transcription,
-    solver: object | None,
-    seed: int,
-    executor: Executor | None,
-    todo: list[int],
-) -> Iterator[_Done]:
-    points = {i: draw(unknown, question, centre, seed, i) for i in todo}
-    if executor is None:
-        for i in todo:
-            yield _run(question, unknown, points[i], transcription, solver, i)
-        return
-    futures = [
-        executor.submit(_run, question, unknown, points[i], transcription, solver, i) for i in todo
-    ]
-    try:
-        for future in as_completed(futures):
-            yield future.result()
-    finally:
-        for future in futures:
-            future.cancel()
-
-
-def _fingerprint(question: Identification, unknown: Unknowns, centre: FloatArray, seed: int) -> str:
-    """What must be the same for a log to be gone on with."""
-    digest = hashlib.sha256()
-    digest.update(json.dumps(question.model.to_dict(), sort_keys=True).encode())
-    for record in question.campaign.records:
-        for column in (record.time, record.drive, record.position, *record.channels.values()):
-            digest.update(np.ascontiguousarray(column).tobytes())
-        told = (record.between, record.period, record.startup, question.start_of(record))
-        digest.update(repr((told, tuple(record.channels))).encode())
-    digest.update(repr([(m.name, m.low, m.high, m.prior) for m in unknown.members]).encode())
-    digest.update(repr((question.loss, question.noise, question.weights)).encode())
-    digest.update(repr(sorted(unknown.kept.items())).encode())
-    digest.update(centre.tobytes())
-    digest.update(str(seed).encode())
-    return digest.hexdigest()
-
-
 @final
-class _Log:
-    """HDF5: attribute ``question`` (hash); one group a finished start."""
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What all starts share; travels to each worker once."""
 
-    def __init__(self, path: Path, question: str) -> None:
-        import h5py
+    question: Identification
+    unknown: Unknowns
+    transcription: Transcription
+    solver: object | None
 
-        self._path = path
-        if path.exists():
-            try:
-                with h5py.File(path, "r") as file:
-                    known = str(file.attrs.get("question", ""))
-            except OSError as error:
-                raise InputError(
-                    f"{path}: not a readable log of starts ({error}); name another file."
-                ) from None
-            if known != question:
-                raise InputError(
-                    f"{path}: this log belongs to another question (model, records, bounds, loss, "
-                    "start or seed differ); name another file or delete it."
-                )
-            return
-        try:
-            with h5py.File(path, "w") as file:
-                file.attrs["question"] = question
-                file.attrs["schema"] = "piezo_opt/starts/1"
-        except OSError as error:
-            raise InputError(
-                f"{path}: a log of starts cannot be written here ({error}); name another file."
-            ) from None
 
-    def append(self, done: _Done) -> None:
-        """Add one finished start and close the file, so that a crash loses nothing."""
-        import h5py
+def _each(
+    task: _Task, points: Mapping[int, FloatArray], executor: Executor | None
+) -> Iterator[_Done]:
+    """Every start as it ends; one whose worker died again and again has failed."""
+    jobs = list(points.items())
+    for at, done in spread(_run, task, jobs, executor):
+        index, theta = jobs[at]
+        yield _failed(index, theta, done.sentence) if isinstance(done, Lost) else done
 
-        with h5py.File(self._path, "a") as file:
-            group = file.create_group(f"start_{done.index:06d}")
-            group["theta"] = done.theta
-            group["iterates"] = done.iterates
-            group["iterate_rms"] = done.iterate_rms
-            for name in ("index", "cost", "rms", "sentence", "simulations", "with_sensitivities"):
-                group.attrs[name] = getattr(done, name)
-            group.attrs["ending"] = done.ending.value
 
-    def read(self, unknown: Unknowns) -> list[_Done]:
-        """Finished starts."""
-        import h5py
+def _failed(index: int, theta: FloatArray, sentence: str) -> _Done:
+    return _Done(
+        index, theta, np.inf, np.inf, Ending.FAILED, sentence, 0, 0, np.zeros((0, theta.size)),
+        np.zeros(0),
+    )  # fmt: skip
 
-        found = []
-        with h5py.File(self._path, "r") as file:
-            for name in file:
-                group = file[name]
-                if "ending" not in group.attrs or group["theta"].size != len(unknown.members):
-                    continue
-                a = group.attrs
-                found.append(
-                    _Done(
-                        int(a["index"]), group["theta"][:], float(a["cost"]), float(a["rms"]),
-                        Ending(a["ending"]), str(a["sentence"]), int(a["simulations"]),
-                        int(a["with_sensitivities"]), group["iterates"][:],
-                        group["iterate_rms"][:],
-                    )
-                )  # fmt: skip
-        return found
+
+def _entry(done: _Done) -> Entry:
+    arrays = {name: getattr(done, name) for name in _ARRAYS}
+    told = {name: getattr(done, name) for name in _TOLD}
+    return Entry(done.index, arrays, {**told, "ending": done.ending.value})
+
+
+def _done(entry: Entry) -> _Done:
+    told = entry.told
+    return _Done(
+        entry.index, entry.arrays["theta"], float(told["cost"]), float(told["rms"]),
+        Ending(told["ending"]), str(told["sentence"]), int(told["simulations"]),
+        int(told["with_sensitivities"]), entry.arrays["iterates"], entry.arrays["iterate_rms"],
+    )  # fmt: skip
+
+
+_ARRAYS: Final = ("theta", "iterates", "iterate_rms")
+_TOLD: Final = ("cost", "rms", "sentence", "simulations", "with_sensitivities")

@@ -173,6 +173,9 @@ def test_an_interrupt_within_a_start_keeps_its_best_and_runs_it_again(tmp_path: 
     unmoved = po.solve(far, starts=3, solver=Stopped(0))
     assert fit.rms < 0.5 * unmoved.rms
     assert finished(log) == {}
+    with pytest.raises(po.InputError, match="solver"):
+        po.solve(far, starts=3, log=log)
+    log.unlink()
     whole = po.solve(far, starts=3, log=log)
     assert len(finished(log)) == 3
     assert whole.rms < 1.1 * NOISE
@@ -202,6 +205,24 @@ def test_the_log_of_another_question_is_refused(changes: dict[str, Any], tmp_pat
     assert "starts.h5" in str(refusal.value)
     assert "delete it" in str(refusal.value)
     assert log.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"solver": po.LevenbergMarquardt(tolerance=1e-6)},
+        {"solver": po.ScipyLeastSquares()},
+        {"transcription": po.SingleShooting(refine=False)},
+        {"transcription": po.MultipleShooting()},
+    ],
+)
+def test_the_log_of_another_solver_is_refused(other: dict[str, Any], tmp_path: Path) -> None:
+    log = tmp_path / "starts.h5"
+    first = po.solve(QUESTION, starts=2, log=log, solver=po.LevenbergMarquardt())
+    with pytest.raises(po.InputError, match="transcription or solver differ"):
+        po.solve(QUESTION, starts=2, log=log, **other)
+    again = po.solve(QUESTION, starts=2, log=log, solver=po.LevenbergMarquardt())
+    assert dict(again.values) == dict(first.values)
 
 
 def test_another_seed_is_another_log(tmp_path: Path) -> None:
