@@ -19,7 +19,9 @@ A whole example; every part but ``effects`` may be left out::
     [priors]                        # normal: mean and standard deviation
     "piezo_gain.d" = {mean = "0.2 um/V", std = "10 nm/V"}
 
-The JSON file that a fit writes is a model file too: its estimates become start values.
+The JSON file that a fit, a diagnosis or a comparison writes is a model file too: its estimates
+become start values. Of a diagnosis that is the model it ended with, of a comparison the one with
+the smallest error. The keys above may stand in a JSON file as well.
 """
 
 from __future__ import annotations
@@ -100,7 +102,7 @@ class ModelFile:
 
 
 def read_model(path: str | os.PathLike[str]) -> ModelFile:
-    """Read a model file (.toml), or the JSON file of a fit or a diagnosis (.json).
+    """Read a model file (.toml or .json), or the JSON file of a fit, diagnosis or comparison.
 
     Raises:
         InputError: one sentence with the file, the key, what is wrong and what to do.
@@ -120,7 +122,8 @@ def read_model(path: str | os.PathLike[str]) -> ModelFile:
         raise InputError(f"{file}: is not valid JSON: {error}") from error
     if not isinstance(data, dict):
         raise InputError(f"{file}: is not a model: write effects = [...]")
-    return _from_toml(file, data) if suffix == ".toml" else _from_fit(file, data)
+    written = suffix == ".toml" or "effects" in data
+    return _from_toml(file, data) if written else _from_fit(file, data)
 
 
 def _from_toml(file: Path, data: Mapping[str, Any]) -> ModelFile:
@@ -153,6 +156,10 @@ def _from_fit(file: Path, data: Mapping[str, Any]) -> ModelFile:
     if isinstance(data.get("final_model"), Mapping):
         # The JSON of a diagnosis holds the whole fit that it ended with.
         data = data["final_model"]
+    entries = data.get("entries")
+    if isinstance(entries, list) and all(isinstance(one, Mapping) for one in entries) and entries:
+        # That of a comparison holds several: the one that errs least.
+        data = min(entries, key=lambda one: _size(one.get("rms")))
     parameters = data.get("parameters")
     if not isinstance(parameters, Mapping) or not isinstance(data.get("model"), Mapping):
         raise InputError(f"{file}: is not the JSON of a fit or a diagnosis: write one with --json")
@@ -173,6 +180,12 @@ def _from_fit(file: Path, data: Mapping[str, Any]) -> ModelFile:
         if declared.fixed and parameters.get(name, {}).get("estimated") is True
     )
     return ModelFile(model, values, fixed, free=free)
+
+
+def _size(error: object) -> float:
+    """An error as a number, the largest where it is none."""
+    number = isinstance(error, int | float) and not isinstance(error, bool)
+    return float(error) if number else float("inf")  # type: ignore[arg-type]
 
 
 def _model(file: Path, data: Mapping[str, Any]) -> Model:
