@@ -184,6 +184,19 @@ def _finite(number: float, value: str, unit: str) -> float:
     return number
 
 
+def factor(value: str) -> tuple[float, str]:
+    """A number with any unit, in SI: ``factor("2.5 um/V")`` is ``(2.5e-06, "m/V")``.
+
+    Raises `InputError` when there is no number or the unit is unknown.
+    """
+    match = _NUMBER.fullmatch(value)
+    if match is None:
+        raise InputError(f"{value!r} does not start with a number: write for example '2.5 um/V'")
+    unit = match[2].strip() or "1"
+    converted, target = to_si([float(match[1])], unit)
+    return _finite(float(converted[0]), value, target), target
+
+
 def parse_header(text: str) -> tuple[str, str]:
     """Name and unit of a column: ``"voltage [V]"`` gives ``("voltage", "V")``.
 

@@ -48,6 +48,7 @@ class Measurement:
         source: where the record comes from.
         allow_saturated: accept a reading that is stuck at its end while the drive moves on.
         channel_units: SI units of further channels by name, kept for files and pictures.
+        notes: sentences about what was concluded while reading; the remarks begin with them.
 
     Raises:
         InputError: the record is empty, too short, of unequal lengths, not finite, out of order,
@@ -67,6 +68,7 @@ class Measurement:
     source: str = ""
     allow_saturated: bool = False
     channel_units: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         signals = {
@@ -181,6 +183,7 @@ class Measurement:
     def remarks(self) -> tuple[str, ...]:
         """What the sampling hides and what looks wrong, in sentences; empty without flaws."""
         return (
+            *self.notes,
             *gap_remarks(self.clock),
             *resolution_remarks(self.position, self.resolution, self.position_unit),
             *self.doubts,

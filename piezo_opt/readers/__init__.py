@@ -5,16 +5,22 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import Between, Campaign, Measurement
-from piezo_opt.readers.columns import Table, Wanted, measurement_from
-from piezo_opt.readers.csv import table_from_csv, write_csv
+from piezo_opt.readers.columns import Table, by_number
+from piezo_opt.readers.csv import table_from_csv
+from piezo_opt.readers.csv_writing import write_csv
+from piezo_opt.readers.records import measurement_from
+from piezo_opt.readers.wanted import Wanted, treated
 from piezo_opt.units import quantity
 
 __all__ = ["read", "read_campaign", "write"]
 
-_TEXT = (".csv", ".txt", ".tsv", ".dat")
+_TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc")
 _HDF5 = (".h5", ".hdf5")
 _MATLAB = (".mat",)
 
@@ -30,24 +36,41 @@ def read(
     startup: float | str | None = None,
     record: str | None = None,
     allow_saturated: bool = False,
+    rate: float | str | None = None,
+    trim: str | None = None,
+    every: int = 1,
+    gain: float | str | None = None,
+    scale: float | str | None = None,
+    decimal: str | None = None,
 ) -> Measurement:
-    """One record from a CSV, HDF5 or MATLAB file, in SI units.
+    """One record from a file, in SI units; what was concluded about it is in its ``notes``.
 
     Args:
-        path: .csv, .txt, .tsv, .dat (a header ``time [s],voltage [V],displacement [um]``), .h5,
-            .hdf5 or .mat.
-        time, drive, position: columns, as ``"voltage"`` or ``"u [V]"``; by default the columns
-            whose unit is a time, a voltage and a length. A named drive or position may have any
-            unit, ``drive="force [N]"``. Further columns with a unit become channels.
+        path: .csv, .txt, .tsv, .dat, .asc (a header ``time [s],voltage [V],displacement [um]``),
+            .h5, .hdf5 or .mat.
+        time, drive, position: columns, as ``"voltage"`` or ``"u [V]"``, or by number from 1,
+            ``"2 [V]"``; by default the columns whose unit is a time, a voltage and a length. A
+            named drive or position may have any unit, ``drive="force [N]"``. Further columns with
+            a unit become channels.
         between: how the drive moves between samples; by default what the file says, else linear.
         period, startup: [s] or a quantity such as ``"40 ms"``; by default what the file says.
         record: which of several records in an HDF5 file.
         allow_saturated: accept a reading stuck at its end.
+        rate: [Hz] or ``"1 kHz"``, of an even clock, for a file without one or with a wrong one;
+            ``"even"`` for one between the ends of the column of time.
+        trim: ``"2 s:8 s"`` keeps that stretch of the record's clock; either end may be left out.
+        every: 10 keeps every tenth sample, after a low-pass filter on drive and reading.
+        gain: of the amplifier, where the drive was recorded before it.
+        scale: of the reading, ``"2.5 um/V"`` for a sensor that was recorded in volts.
+        decimal: "," or ".", where the numbers of a text file can be read in both ways.
 
     Raises:
         InputError: one sentence with file, row or column, and what to do.
     """
-    wanted = Wanted(time, drive, position, between, period, startup, allow_saturated)
+    wanted = Wanted(
+        time, drive, position, between, period, startup, allow_saturated,
+        rate, trim, every, gain, scale, decimal,
+    )  # fmt: skip
     file = Path(path)
     suffix = _suffix(file)
     if suffix in _HDF5:
@@ -58,7 +81,7 @@ def read(
             return _adjusted(file, _one_of(file, campaign, record), wanted)
     if record is not None:
         raise InputError(f"{file}: holds one record, so record={record!r} means nothing: drop it")
-    return measurement_from(_table(file, suffix), file.stem, wanted)
+    return measurement_from(_table(file, suffix, wanted), file.stem, wanted)
 
 
 def read_campaign(path: str | os.PathLike[str]) -> Campaign:
@@ -109,7 +132,7 @@ def _suffix(file: Path) -> str:
     return suffix
 
 
-def _table(file: Path, suffix: str) -> Table:
+def _table(file: Path, suffix: str, wanted: Wanted) -> Table:
     if suffix in _HDF5:
         from piezo_opt.readers.hdf5 import table_from_hdf5
 
@@ -118,7 +141,8 @@ def _table(file: Path, suffix: str) -> Table:
         from piezo_opt.readers.mat import table_from_mat
 
         return table_from_mat(file)
-    return table_from_csv(file)
+    numbered = all(by_number(said) for said in (wanted.drive, wanted.position))
+    return table_from_csv(file, decimal=wanted.decimal, numbered=numbered)
 
 
 def _one_of(file: Path, campaign: Campaign, record: str | None) -> Measurement:
@@ -146,7 +170,7 @@ def _adjusted(file: Path, measurement: Measurement, wanted: Wanted) -> Measureme
             raise InputError(
                 f"{file}: its columns are time, drive and position already: drop {role}={said!r}"
             )
-    changes: dict[str, object] = {}
+    changes: dict[str, Any] = {}
     if wanted.between is not None:
         changes["between"] = wanted.between
     if wanted.period is not None:
@@ -155,4 +179,16 @@ def _adjusted(file: Path, measurement: Measurement, wanted: Wanted) -> Measureme
         changes["startup"] = quantity(wanted.startup, "s")
     if wanted.allow_saturated:
         changes["allow_saturated"] = True
-    return measurement.with_(**changes) if changes else measurement
+    if wanted.rate is not None:
+        changes["time"] = (
+            np.linspace(measurement.time[0], measurement.time[-1], len(measurement))
+            if wanted.hertz is None
+            else np.arange(len(measurement)) / wanted.hertz
+        )
+        changes["notes"] = (*measurement.notes, "The clock was replaced by an even one.")
+    if changes:
+        measurement = measurement.with_(**changes)
+    begin, end = wanted.stretch
+    if begin is not None or end is not None:
+        measurement = measurement.slice(begin, end)
+    return treated(measurement, wanted)

@@ -1,23 +1,26 @@
-"""Which column is the time, which the drive, which the position: by unit and by name."""
+"""Which column is the time, which the drive, which the position: by unit, name or number."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, final
+from dataclasses import dataclass, field
+from typing import Any, Final, final
 
 import numpy as np
 
 from piezo_opt.errors import InputError
-from piezo_opt.measurement import Between, FloatArray, Measurement
-from piezo_opt.units import parse_header, quantity, same_dimension, si_unit, to_si
+from piezo_opt.measurement import FloatArray
+from piezo_opt.readers.preamble import Steps
+from piezo_opt.units import parse_header, same_dimension, to_si
 
 
 @final
 @dataclass(frozen=True)
 class Column:
-    """One column of a file: its name, its unit when the file says one, and its numbers."""
+    """One column of a file: its name, its unit when the file says one, and its numbers.
+
+    A column of text or without cells has no numbers; it keeps its place.
+    """
 
     name: str
     unit: str | None
@@ -32,105 +35,82 @@ class Column:
 @final
 @dataclass(frozen=True)
 class Table:
-    """The columns of one file, and how a row is called in it."""
+    """The columns of one file, how a row is called in it, and what was concluded about it.
+
+    Attributes:
+        file: what messages call it.
+        columns: all of them, in the file's order.
+        row: the name of the n-th row, from 0.
+        metadata: what a file of this package says about its record.
+        notes: what was concluded, in sentences.
+        steps: the clock of a file without a column of time.
+    """
 
     file: str
     columns: tuple[Column, ...]
     row: Callable[[int], str]
-    metadata: Mapping[str, Any]
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    steps: Steps | None = None
 
     def listing(self) -> str:
-        """The columns as a sentence shows them."""
-        return ", ".join(repr(column.header) for column in self.columns) or "none"
+        """The columns as a sentence shows them, at most a dozen."""
+        shown = [repr(column.header) for column in self.columns if column.values.size]
+        more = [f"{len(shown) - _LISTED} more"] if len(shown) > _LISTED else []
+        return ", ".join([*shown[:_LISTED], *more]) or "none"
 
 
 @final
 @dataclass(frozen=True)
-class Wanted:
-    """What a user said about a file: names of columns, and what the record is."""
+class Role:
+    """What a column can be: its word, a unit of its kind, an example, and usual names."""
 
-    time: str | None = None
-    drive: str | None = None
-    position: str | None = None
-    between: Between | None = None
-    period: float | str | None = None
-    startup: float | str | None = None
-    allow_saturated: bool = False
-
-
-@final
-@dataclass(frozen=True)
-class _Role:
     word: str
     unit: str
     example: str
     names: frozenset[str]
 
 
-_TIME = _Role("time", "s", "time [s]", frozenset({"t", "time", "seconds"}))
-_DRIVE = _Role(
+_LISTED: Final = 12
+TIME: Final = Role("time", "s", "time [s]", frozenset({"t", "time", "seconds", "zeit"}))
+DRIVE: Final = Role(
     "drive",
     "V",
     "voltage [V]",
-    frozenset({"u", "v", "voltage", "drive", "input", "command", "volt", "volts"}),
+    frozenset({"u", "v", "voltage", "drive", "input", "command", "volt", "volts", "spannung"}),
 )
-_POSITION = _Role(
+POSITION: Final = Role(
     "position",
     "m",
     "displacement [um]",
-    frozenset({"y", "x", "displacement", "position", "reading", "output", "disp"}),
+    frozenset({"y", "x", "displacement", "position", "reading", "output", "disp", "weg"}),
 )
 
 
-def measurement_from(table: Table, name: str, wanted: Wanted) -> Measurement:
-    """The record in a table; `InputError` names the file, the row or column, and the remedy."""
-    own = table.metadata.get("columns", {})
-    chosen = {
-        "time": _choose(table, _TIME, wanted.time or own.get("time")),
-        "drive": _choose(table, _DRIVE, wanted.drive or own.get("drive")),
-        "position": _choose(table, _POSITION, wanted.position or own.get("position")),
-    }
-    indices = [index for index, _ in chosen.values()]
-    if len(set(indices)) < len(indices):
-        raise InputError(
-            f"{table.file}: one column cannot serve twice: choose time, drive and position from "
-            f"{table.listing()}"
-        )
-    converted = {role: _in_si(table, column) for role, (_, column) in chosen.items()}
-    time = converted["time"][0]
-    _check_order(table, chosen["time"][1], time)
-    channels, channel_units = _channels(table, frozenset(indices), len(time))
-    said = table.metadata
-    period = wanted.period if wanted.period is not None else said.get("period")
-    startup = wanted.startup if wanted.startup is not None else said.get("startup", 0.0)
-    try:
-        return Measurement(
-            time=time,
-            drive=converted["drive"][0],
-            position=converted["position"][0],
-            channels=channels,
-            channel_units=channel_units,
-            name=str(said.get("name", name)),
-            drive_unit=converted["drive"][1],
-            position_unit=converted["position"][1],
-            between=wanted.between or said.get("between", Between.LINEAR),
-            period=None if period is None else quantity(period, "s"),
-            startup=quantity(startup, "s"),
-            source=str(said.get("source", os.path.basename(table.file))),
-            allow_saturated=wanted.allow_saturated or bool(said.get("allow_saturated", False)),
-        )
-    except InputError as error:
-        raise InputError(f"{table.file}: {error}") from error
+def choose(
+    table: Table,
+    role: Role,
+    said: str | None,
+    *,
+    fits: Callable[[str], bool] | None = None,
+    taken: frozenset[int] = frozenset(),
+) -> tuple[int, Column]:
+    """Place and column of a role.
 
+    Args:
+        table: the columns.
+        role: what is looked for.
+        said: name, ``"u [V]"``, number from 1 or ``"2 [V]"``, when the caller says one.
+        fits: whether a unit is one of this role; by default what the role's own unit measures.
+        taken: places that are another role's already.
 
-def _choose(table: Table, role: _Role, said: str | None) -> tuple[int, Column]:
+    Raises:
+        InputError: no column fits, or several do; the options are written out.
+    """
     if said is not None:
         return _named(table, role, said)
-    fitting = [
-        (index, column)
-        for index, column in enumerate(table.columns)
-        if column.unit is not None and same_dimension(column.unit, role.unit)
-    ]
+    fits = fits or (lambda unit: same_dimension(unit, role.unit))
+    fitting = candidates(table, fits, taken)
     liked = [(i, column) for i, column in fitting if column.name.strip().lower() in role.names]
     if len(fitting) == 1:
         return fitting[0]
@@ -140,10 +120,10 @@ def _choose(table: Table, role: _Role, said: str | None) -> tuple[int, Column]:
         raise InputError(
             f"{table.file}: more than one column could be the {role.word}: "
             f"{', '.join(repr(column.header) for _, column in fitting)}; choose with "
-            f"{role.word}='{fitting[0][1].header}'"
+            + " or ".join(f"{role.word}='{column.header}'" for _, column in fitting[:4])
         )
     for column in table.columns:
-        if column.name.strip().lower() in role.names:
+        if column.values.size and column.name.strip().lower() in role.names:
             if column.unit is None:
                 raise InputError(
                     f"{table.file}: column {column.header!r} has no unit: write it in the file, "
@@ -154,26 +134,52 @@ def _choose(table: Table, role: _Role, said: str | None) -> tuple[int, Column]:
                 f"measure what {role.unit} does: correct the unit, or name the column with "
                 f"{role.word}='...'"
             )
+    rate = ", or give the sampling rate, rate='1 kHz' (--rate '1 kHz')" if role is TIME else ""
     raise InputError(
         f"{table.file}: no column is the {role.word}: the columns are {table.listing()}; name "
-        f"one like {role.example!r} or choose with {role.word}='...'"
+        f"one like {role.example!r} or choose with {role.word}='...'{rate}"
     )
 
 
-def _named(table: Table, role: _Role, said: str) -> tuple[int, Column]:
+def candidates(
+    table: Table, fits: Callable[[str], bool], taken: frozenset[int] = frozenset()
+) -> list[tuple[int, Column]]:
+    """Columns with numbers and a unit of this kind."""
+    return [
+        (index, column)
+        for index, column in enumerate(table.columns)
+        if column.unit is not None
+        and column.values.size
+        and index not in taken
+        and fits(column.unit)
+    ]
+
+
+def by_number(said: str | None) -> bool:
+    """Whether a column is called by its number: ``"2"`` or ``"2 [V]"``."""
+    return said is not None and said.partition("[")[0].strip().isdecimal()
+
+
+def _named(table: Table, role: Role, said: str) -> tuple[int, Column]:
     wanted_name, wanted_unit = said.strip(), None
     matches = [(i, c) for i, c in enumerate(table.columns) if c.header == wanted_name]
     if not matches:
         if "[" in wanted_name:
             wanted_name, wanted_unit = parse_header(wanted_name)
         matches = [(i, c) for i, c in enumerate(table.columns) if c.name == wanted_name]
+    if not matches and by_number(wanted_name) and 1 <= int(wanted_name) <= len(table.columns):
+        place = int(wanted_name) - 1
+        matches = [(place, table.columns[place])]
     if not matches:
         raise InputError(f"{table.file}: has no column {said!r}: the columns are {table.listing()}")
     if len(matches) > 1:
         raise InputError(
-            f"{table.file}: has {len(matches)} columns {said!r}: give them different names"
+            f"{table.file}: has {len(matches)} columns {said!r}: give them different names, or "
+            f"say which by number, {role.word}='{matches[0][0] + 1}'"
         )
     index, column = matches[0]
+    if not column.values.size:
+        raise InputError(f"{table.file}: column {column.header!r} holds no numbers: choose another")
     if wanted_unit is not None and column.unit is not None and wanted_unit != column.unit:
         raise InputError(
             f"{table.file}: column {column.header!r} has its own unit, not [{wanted_unit}]: "
@@ -186,12 +192,13 @@ def _named(table: Table, role: _Role, said: str) -> tuple[int, Column]:
             f"{role.word}='{column.name} [{role.unit}]'"
         )
     # Any drive or position is legal when named (a force, an angle), but time is time.
-    if role is _TIME and not same_dimension(unit, "s"):
+    if role is TIME and not same_dimension(unit, "s"):
         raise InputError(f"{table.file}: column {column.header!r} is no time: use [s] or [ms]")
     return index, Column(column.name, unit, column.values)
 
 
-def _in_si(table: Table, column: Column) -> tuple[FloatArray, str]:
+def in_si(table: Table, column: Column) -> tuple[FloatArray, str]:
+    """The numbers of a column in SI, and the SI unit; refuses what is not finite by its row."""
     bad = np.flatnonzero(~np.isfinite(column.values))
     if bad.size:
         raise InputError(
@@ -204,41 +211,3 @@ def _in_si(table: Table, column: Column) -> tuple[FloatArray, str]:
             return to_si(column.values, column.unit)
     except InputError as error:
         raise InputError(f"{table.file}: column {column.header!r}: {error}") from error
-
-
-def _check_order(table: Table, column: Column, time: FloatArray) -> None:
-    late = np.flatnonzero(np.diff(time) <= 0)
-    if late.size:
-        index = int(late[0]) + 1
-        kind = "repeats that of" if time[index] == time[index - 1] else "is before that of"
-        raise InputError(
-            f"{table.file}: {table.row(index)}, column {column.header!r}: the time "
-            f"{column.values[index]:.12g} {kind} {table.row(index - 1)} "
-            f"({column.values[index - 1]:.12g}): sort the rows and keep one for each instant"
-        )
-
-
-def _channels(
-    table: Table, taken: frozenset[int], length: int
-) -> tuple[dict[str, FloatArray], dict[str, str]]:
-    """The other columns with a unit, in SI; a column without one is not a signal."""
-    channels: dict[str, FloatArray] = {}
-    units: dict[str, str] = {}
-    for index, column in enumerate(table.columns):
-        if index in taken or column.unit is None or column.values.size != length:
-            continue
-        if column.name in channels:
-            raise InputError(
-                f"{table.file}: has two columns {column.name!r}: give them different names"
-            )
-        channels[column.name], units[column.name] = _in_si(table, column)
-    return channels, units
-
-
-def known_unit(file: str, header: str, unit: str) -> str:
-    """The unit itself when it is known; `InputError` naming file and column when not."""
-    try:
-        si_unit(unit)
-    except InputError as error:
-        raise InputError(f"{file}: column {header!r}: {error}") from error
-    return unit

@@ -1,14 +1,13 @@
-"""Text tables: a header with units in brackets, then one row for each instant.
+"""Text tables: names and units, then one row for each instant.
 
     # a comment
     time [s],voltage [V],displacement [um]
     0,0,0.000
     1,5,0.690
 
-Separators are comma, semicolon, tab or blanks; the decimal sign is a point. After a first line
-``# piezo_opt record``, comments such as ``# period: 1 s``, ``# startup: 0.5 s``,
-``# between: held``, ``# name: ...`` and ``# source: ...`` say what the record is. `write_csv`
-writes them, and every digit, so that its file reads back as the same record.
+What a table looks like is concluded from its first lines (`layout_of`) and said in notes. After a
+first line ``# piezo_opt record``, comments such as ``# period: 1 s``, ``# startup: 0.5 s``,
+``# between: held``, ``# name: ...`` and ``# source: ...`` say what the record is.
 """
 
 from __future__ import annotations
@@ -18,235 +17,227 @@ import os
 import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, Final, TextIO
 
 import numpy as np
 
 from piezo_opt.errors import InputError
-from piezo_opt.measurement import Between, FloatArray, Measurement
-from piezo_opt.readers.columns import Column, Table, known_unit
-from piezo_opt.readers.files import MOST_ROWS, checked, refuse_rows, replacing
+from piezo_opt.measurement import Between, FloatArray
+from piezo_opt.readers.columns import Column, Table
+from piezo_opt.readers.files import MOST_ROWS, checked, refuse_rows
+from piezo_opt.readers.instants import dated, is_instant, seconds_reader, since_first
+from piezo_opt.readers.layout import Layout, Line, layout_of
+from piezo_opt.readers.preamble import steps_of
+from piezo_opt.readers.text import encoding_of
 
-_SIGNATURE = "# piezo_opt record"
-_WRITTEN = ("time", "drive", "position")
-_HEADER_EXAMPLE = "time [s],voltage [V],displacement [um]"
-_BLANK_SEPARATED = re.compile(r"[^\s\[\]]*\s*\[[^\[\]]*\]|\S+")
-_HEADER_CELL = re.compile(r"\s*([^\[\]]*?)\s*\[([^\[\]]*)\]\s*")
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.I)
+SIGNATURE: Final = "# piezo_opt record"
+WRITTEN: Final = ("time", "drive", "position")
+_HEAD = 2000
+"""Lines that the layout is concluded from."""
 
 
-def table_from_csv(path: str | os.PathLike[str]) -> Table:
-    """The columns of a text file. Raises `InputError` naming file, row, column and remedy."""
+def table_from_csv(
+    path: str | os.PathLike[str], *, decimal: str | None = None, numbered: bool = False
+) -> Table:
+    """The columns of a text file.
+
+    Args:
+        path: the file.
+        decimal: sign of decimals, "." or ","; by default what the numbers show.
+        numbered: whether columns are called by number, so that no header is needed.
+
+    Raises:
+        InputError: names file, row, column and remedy.
+    """
     file = checked(path)
-    _refuse_binary(file)
     try:
-        with file.open(encoding="utf-8-sig") as lines:
-            return _table(file, lines)
+        encoding, said = encoding_of(file)
+        with file.open(encoding=encoding) as lines:
+            return _table(file, lines, encoding, said, decimal, numbered)
     except UnicodeDecodeError as error:
-        raise InputError(
-            f"{file}: is not UTF-8 text (byte {error.object[error.start]:#04x}): save it as "
-            "CSV in UTF-8"
-        ) from error
+        raise InputError(f"{file}: is not whole text: export it again as CSV in UTF-8") from error
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror or error}") from error
 
 
-def write_csv(
-    record: Measurement, path: str | os.PathLike[str], *, overwrite: bool = False
-) -> None:
-    """Write a record in SI units with all digits, in one step: all of the file or none of it."""
-    columns: dict[str, FloatArray] = {
-        "time [s]": record.time,
-        f"drive [{record.drive_unit}]": record.drive,
-        f"position [{record.position_unit}]": record.position,
-    }
-    for name, values in record.channels.items():
-        columns[f"{name} [{record.channel_units[name]}]"] = values
-    for text in (*columns, record.name, record.source):
-        if not text.isprintable():
-            raise InputError(f"{path}: {text!r} cannot stand in a line of text: rename it")
-    for header in columns:
-        foreign = any(sign in header for sign in ',;#"') or header != header.strip()
-        if foreign or header.count("[") > 1 or header.count("]") > 1:
-            raise InputError(f"{path}: column {header!r} cannot stand in a CSV header: rename it")
-    about = [
-        _SIGNATURE,
-        f"# name: {record.name}",
-        f"# between: {record.between.value}",
-        *([] if record.period is None else [f"# period: {record.period!r} s"]),
-        f"# startup: {record.startup!r} s",
-        f"# allow_saturated: {str(record.allow_saturated).lower()}",
-        f"# source: {record.source}",
-        ",".join(columns),
+def _table(
+    file: Path,
+    lines: TextIO,
+    encoding: str,
+    said: str | None,
+    decimal: str | None,
+    numbered: bool,
+) -> Table:
+    head = [
+        Line(number, text.strip())
+        for number, text in enumerate(itertools.islice(lines, _HEAD), start=1)
+        if text.strip()
     ]
-    with (
-        replacing(path, overwrite=overwrite) as temporary,
-        temporary.open("x", encoding="utf-8", newline="\n") as lines,
-    ):
-        lines.write("\n".join(about) + "\n")
-        for row in zip(*(values.tolist() for values in columns.values()), strict=True):
-            lines.write(",".join(map(repr, row)) + "\n")
+    layout = layout_of(str(file), head, decimal=decimal, numbered=numbered)
+    names = [name for name, _ in layout.columns]
+    comments = [line.text for line in head if line.comment and line.number <= layout.head.row + 1]
+    data = (line.text for line in head if line.number > layout.head.row)
+    rows = _numbers(file, layout, itertools.chain(data, lines), encoding)
+    columns, left_out = _columns(layout, rows)
+    return Table(
+        file=str(file),
+        columns=columns,
+        row=_row_namer(file, layout, encoding),
+        metadata=_metadata(file, comments, names),
+        notes=(*(() if said is None else (said,)), *layout.notes, *left_out),
+        steps=steps_of(names, (layout.head.below, layout.first), layout.head.above),
+    )
 
 
-def _refuse_binary(file: Path) -> None:
-    with file.open("rb") as content:
-        head = content.read(65536)
-    if b"\0" in head:
-        raise InputError(
-            f"{file}: is binary, not text: read .mat and .h5 files under their own suffix, or "
-            "export CSV"
-        )
-
-
-def _table(file: Path, lines: TextIO) -> Table:
-    header, header_row, comments = "", 0, list[str]()
-    first_data: str | None = None
-    for number, line in enumerate(lines, start=1):
-        text = line.strip()
-        if not text:
-            continue
-        if text.startswith("#"):
-            comments.append(text)
-        elif not header and not _is_number(_cells(text, _separator(text))[0]):
-            header, header_row = text, number
-        else:
-            first_data = line
-            break
-    if not header:
-        # numpy.savetxt writes its header as a comment.
-        if first_data is not None and comments and "[" in comments[-1]:
-            header = comments[-1].lstrip("#").strip()
-        elif first_data is not None:
-            raise InputError(
-                f"{file}: row {number} has numbers where the header should be: add a first line "
-                f"such as '{_HEADER_EXAMPLE}'"
-            )
-        else:
-            raise InputError(
-                f"{file}: has no rows: a record is a header such as '{_HEADER_EXAMPLE}' and "
-                "numbers below it"
-            )
-    separator = _separator(header)
-    columns = [_header_cell(file, cell) for cell in _cells(header, separator)]
-    if first_data is None:
-        raise InputError(f"{file}: row {header_row} is a header without rows: export it again")
+def _numbers(file: Path, layout: Layout, lines: Iterable[str], encoding: str) -> FloatArray:
+    """(rows, used columns) of numbers; clocks are seconds."""
+    used = [k for k, kind in enumerate(layout.pattern) if kind in "nc"]
+    wrong = len(layout.columns) < used[-1] + 1
+    if wrong or _names_without_cells(layout):
+        raise InputError(_first_bad_row(file, layout, encoding, None))
+    clocks: dict[int | str, Callable[[str], float]] = {
+        k: seconds_reader() for k in used if layout.pattern[k] == "c"
+    }
     try:
-        rows = np.loadtxt(
-            _with_data(itertools.chain([first_data], lines)),
-            delimiter=separator,
+        rows: FloatArray = np.loadtxt(
+            _prepared(lines, layout),
+            delimiter="\t" if layout.dialect.quoted else layout.dialect.separator,
             comments="#",
             ndmin=2,
             max_rows=MOST_ROWS + 1,
+            usecols=None if len(used) == len(layout.pattern) else used,
+            converters=clocks or None,
+            encoding=None,
         )
     except UnicodeDecodeError:
         raise
     except ValueError as error:
-        raise InputError(_first_bad_row(file, header_row, separator, columns, error)) from error
+        raise InputError(_first_bad_row(file, layout, encoding, error)) from error
     refuse_rows(file, rows.shape[0])
-    if rows.shape[1] != len(columns):
-        raise InputError(_first_bad_row(file, header_row, separator, columns, None))
-    return Table(
-        file=str(file),
-        columns=tuple(
-            Column(name, unit, np.ascontiguousarray(rows[:, index]))
-            for index, (name, unit) in enumerate(columns)
-        ),
-        row=_row_namer(file, header_row),
-        metadata=_metadata(file, comments, [name for name, _ in columns]),
-    )
+    if rows.shape[1] != len(used):
+        raise InputError(_first_bad_row(file, layout, encoding, None))
+    return rows
 
 
-def _with_data(lines: Iterable[str]) -> Iterator[str]:
-    """The lines that hold cells. The fast parser skips others too, but warns about each."""
+def _names_without_cells(layout: Layout) -> bool:
+    """Whether the header has more names than a row has cells, other than at an empty end."""
+    return len(layout.columns) > len(layout.pattern)
+
+
+def _prepared(lines: Iterable[str], layout: Layout) -> Iterator[str]:
+    """The lines that hold cells, as the fast parser wants them.
+
+    It skips other lines itself, but warns about each; and where it is told which columns to read
+    it does not count the others.
+    """
+    dialect, width = layout.dialect, len(layout.pattern)
+    counted = "t" in layout.pattern or "e" in layout.pattern
+    separator = dialect.separator
     for line in lines:
-        text = line.lstrip()
-        if text and not text.startswith("#"):
-            yield line
+        text = line.lstrip(" ")
+        if not text.strip() or text.startswith("#"):
+            continue
+        if dialect.quoted:
+            cells = dialect.cells(line.rstrip("\r\n"))
+            text = "\t".join(cell.replace("\t", " ") for cell in cells)
+            if counted and len(cells) != width:
+                raise ValueError("another number of cells")
+        elif counted and separator is not None and line.count(separator) != width - 1:
+            raise ValueError("another number of cells")
+        if layout.thousands:
+            text = text.replace(",", "")
+        elif dialect.decimal == ",":
+            text = text.replace(",", ".")
+        yield text
 
 
-def _separator(text: str) -> str | None:
-    for separator in ("\t", ";", ","):
-        if separator in text:
-            return separator
-    return None
+def _columns(layout: Layout, rows: FloatArray) -> tuple[tuple[Column, ...], list[str]]:
+    """The columns with numbers, and sentences about clocks and about those left out."""
+    columns: list[Column] = []
+    said: list[str] = []
+    used = 0
+    for (name, unit), kind in zip(layout.columns, layout.pattern, strict=False):
+        if kind in "te":
+            if kind == "t":
+                said.append(f"Column {name!r} holds text and was left out.")
+            columns.append(Column(name, unit, np.zeros(0)))
+            continue
+        values = np.ascontiguousarray(rows[:, used])
+        used += 1
+        if kind == "c":
+            values = since_first(values, with_dates=_dated(layout, name))
+            unit = "s"
+            said.append(f"Column {name!r} holds clock times; they are counted from the first.")
+        columns.append(Column(name, unit, values))
+    return tuple(columns), said
 
 
-def _cells(text: str, separator: str | None) -> list[str]:
-    if separator is None:
-        return [cell.strip() for cell in _BLANK_SEPARATED.findall(text)] or [""]
-    return [cell.strip() for cell in text.split(separator)]
+def _dated(layout: Layout, name: str) -> bool:
+    """Whether the clocks of a column have dates before them."""
+    place = [own for own, _ in layout.columns].index(name)
+    return place < len(layout.first) and dated(layout.first[place])
 
 
-def _header_cell(file: Path, cell: str) -> tuple[str, str | None]:
-    text = cell.strip().strip('"').strip()
-    match = _HEADER_CELL.fullmatch(text)
-    if match is None:
-        return text, None
-    return match[1], known_unit(str(file), text, match[2].strip())
-
-
-def _is_number(cell: str) -> bool:
-    return _NUMBER.fullmatch(cell) is not None
-
-
-def _data_rows(file: Path, header_row: int) -> Iterator[tuple[int, str]]:
-    with file.open(encoding="utf-8-sig") as lines:
+def _data_rows(file: Path, layout: Layout, encoding: str) -> Iterator[tuple[int, str]]:
+    with file.open(encoding=encoding) as lines:
         for number, line in enumerate(lines, start=1):
             text = line.split("#", 1)[0].strip("\r\n")
-            if number > header_row and text.strip():
+            if number > layout.head.row and text.strip():
                 yield number, text
 
 
-def _first_bad_row(
-    file: Path,
-    header_row: int,
-    separator: str | None,
-    columns: list[tuple[str, str | None]],
-    error: Exception | None,
-) -> str:
+def _first_bad_row(file: Path, layout: Layout, encoding: str, error: Exception | None) -> str:
     """The sentence about the first row that is not one number for each column."""
-    for number, text in _data_rows(file, header_row):
-        cells = [cell.strip() for cell in text.split(separator)]
-        if len(cells) != len(columns):
+    dialect, width = layout.dialect, len(layout.columns)
+    headers = [name if unit is None else f"{name} [{unit}]" for name, unit in layout.columns]
+    for number, text in _data_rows(file, layout, encoding):
+        cells = dialect.cells(text)
+        if len(cells) != width and not (
+            width < len(cells) == len(layout.pattern) and not any(cells[width:])
+        ):
             hint = (
                 "write decimals with a point and separate columns with one sign"
-                if separator == ","
+                if dialect.separator == ","
                 else "complete or remove the row"
             )
-            return (
-                f"{file}: row {number} has {len(cells)} cells but the header has "
-                f"{len(columns)}: {hint}"
+            return f"{file}: row {number} has {len(cells)} cells but the header has {width}: {hint}"
+        for header, cell, kind in zip(headers, cells, layout.pattern, strict=False):
+            if kind in "te" or (kind == "n" and dialect.number(cell)):
+                continue
+            if kind == "c" and is_instant(cell):
+                continue
+            what = f"{cell[:40]!r} is not a {'number' if kind == 'n' else 'time'}"
+            if not cell:
+                what = "is empty"
+            other = "," if dialect.decimal == "." else "."
+            remedy = (
+                f"write decimals with a {'point' if other == ',' else 'comma'}, as in the other "
+                "rows"
+                if re.fullmatch(rf"[+-]?\d+\{other}\d+", cell)
+                else "correct or remove the row"
             )
-        for (name, unit), cell in zip(columns, cells, strict=True):
-            if not _is_number(cell):
-                header = name if unit is None else f"{name} [{unit}]"
-                what = f"{cell[:40]!r} is not a number" if cell else "is empty"
-                remedy = (
-                    "write decimals with a point"
-                    if re.fullmatch(r"[+-]?\d+,\d+", cell)
-                    else "correct or remove the row"
-                )
-                return f"{file}: row {number}, column {header!r}: {what}: {remedy}"
+            return f"{file}: row {number}, column {header!r}: {what}: {remedy}"
     return f"{file}: is not a table of numbers: {error}: export it again as CSV"
 
 
-def _row_namer(file: Path, header_row: int) -> Callable[[int], str]:
+def _row_namer(file: Path, layout: Layout, encoding: str) -> Callable[[int], str]:
     """Names the n-th data row by its line in the file, which is read again only for an error."""
 
     def row(index: int) -> str:
-        number, _ = next(itertools.islice(_data_rows(file, header_row), index, None))
+        rows = _data_rows(file, layout, encoding)
+        number, _ = next(itertools.islice(rows, index, None))
         return f"row {number}"
 
     return row
 
 
 def _metadata(file: Path, comments: list[str], names: list[str]) -> dict[str, Any]:
-    if not comments or comments[0] != _SIGNATURE:
+    if not comments or comments[0] != SIGNATURE:
         return {}
     said: dict[str, Any] = {}
-    if names[:3] == list(_WRITTEN):
+    if names[:3] == list(WRITTEN):
         # The columns of a written file have these names and may have any unit.
-        said["columns"] = {role: role for role in _WRITTEN}
+        said["columns"] = {role: role for role in WRITTEN}
     for comment in comments[1:]:
         key, separator, value = comment.lstrip("#").partition(":")
         if separator and key.strip() in ("name", "period", "startup", "source"):

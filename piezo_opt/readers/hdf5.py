@@ -31,8 +31,9 @@ import numpy as np
 
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import Between, Campaign, FloatArray, Measurement
-from piezo_opt.readers.columns import Column, Table, known_unit
+from piezo_opt.readers.columns import Column, Table
 from piezo_opt.readers.files import checked, refuse_rows, replacing
+from piezo_opt.readers.headers import known_unit
 
 _FORMAT = "piezo_opt records"
 _VERSION = 1
@@ -74,7 +75,7 @@ def table_from_hdf5(path: str | os.PathLike[str]) -> Table:
                 columns.append(Column(name, unit or None, _numbers(file, item)))
 
         content.visititems(visit)
-    return Table(str(file), tuple(columns), lambda index: f"index {index}", {})
+    return Table(str(file), tuple(columns), lambda index: f"index {index}")
 
 
 def write_hdf5(

@@ -19,9 +19,10 @@ import numpy as np
 import scipy
 
 from piezo_opt.errors import InputError
-from piezo_opt.readers.columns import Column, Table, known_unit
+from piezo_opt.readers.columns import Column, Table
 from piezo_opt.readers.files import checked, refuse_rows
 from piezo_opt.readers.hdf5 import table_from_hdf5
+from piezo_opt.readers.headers import known_unit
 from piezo_opt.readers.mat_structure import check_structure
 
 
@@ -42,7 +43,7 @@ def table_from_mat(path: str | os.PathLike[str]) -> Table:
             known_unit(str(file), name, unit)
         numbers = np.asarray(value, dtype=np.float64).reshape(-1)
         columns.append(Column(name, unit if isinstance(unit, str) else None, numbers))
-    return Table(str(file), tuple(columns), lambda index: f"element {index + 1}", {})
+    return Table(str(file), tuple(columns), lambda index: f"element {index + 1}")
 
 
 def _variables(file: Path) -> dict[str, Any]:

@@ -209,7 +209,7 @@ class TestMatlab:
 
     def test_lengths_and_bad_numbers(self, tmp_path: Path) -> None:
         io.savemat(tmp_path / "a.mat", {"t": T, "u": U[:-1], "y": Y})
-        with pytest.raises(InputError, match="drive has 199 samples but time has 200"):
+        with pytest.raises(InputError, match=r"'u \[V\]' has 199 samples but the clock 200"):
             read(tmp_path / "a.mat", **self.SAID)
         spoiled = np.where(np.arange(200) == 4, np.nan, Y)
         io.savemat(tmp_path / "a.mat", {"t": T, "u": U, "y": spoiled})

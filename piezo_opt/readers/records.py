@@ -1,0 +1,194 @@
+"""From the columns of a file to a record."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+
+import numpy as np
+
+from piezo_opt.errors import InputError
+from piezo_opt.measurement import Between, FloatArray, Measurement
+from piezo_opt.readers.columns import (
+    DRIVE,
+    POSITION,
+    TIME,
+    Column,
+    Table,
+    candidates,
+    choose,
+    in_si,
+)
+from piezo_opt.readers.wanted import Wanted, treated
+from piezo_opt.units import quantity, same_dimension
+
+
+def measurement_from(table: Table, name: str, wanted: Wanted) -> Measurement:
+    """The record in a table; `InputError` names the file, the row or column, and the remedy."""
+    own = table.metadata.get("columns", {})
+    place, time, clock_notes = _time(table, wanted, own.get("time"))
+    begin, end = wanted.stretch
+    if begin is not None or end is not None:
+        table, time, trimmed = _trimmed(table, time, begin, end)
+        clock_notes = [*clock_notes, trimmed]
+    drive_at, drive = choose(
+        table, DRIVE, wanted.drive or own.get("drive"), taken=_given(table, wanted.position)
+    )
+    position_at, position = choose(
+        table,
+        POSITION,
+        wanted.position or own.get("position"),
+        fits=lambda unit: same_dimension(wanted.scaled_unit(unit), "m"),
+        taken=frozenset({drive_at}) if wanted.factor is not None else frozenset(),
+    )
+    taken = frozenset({drive_at, position_at} | ({place} if place is not None else set()))
+    if len(taken) < (2 if place is None else 3):
+        raise InputError(
+            f"{table.file}: one column cannot serve twice: choose time, drive and position from "
+            f"{table.listing()}"
+        )
+    for column in (drive, position):
+        if column.values.size != time.size:
+            raise InputError(
+                f"{table.file}: {column.header!r} has {column.values.size} samples but the clock "
+                f"{time.size}: choose columns of one record, with time='...', drive='...' and "
+                "position='...'"
+            )
+    driven, drive_unit = in_si(table, drive)
+    read, position_unit = in_si(table, position)
+    if place is not None and wanted.rate is None:
+        _check_order(table, table.columns[place], time)
+    channels, channel_units = _channels(table, taken, time.size)
+    said = table.metadata
+    period = wanted.period if wanted.period is not None else said.get("period")
+    startup = wanted.startup if wanted.startup is not None else said.get("startup", 0.0)
+    try:
+        record = Measurement(
+            time=time,
+            drive=driven,
+            position=read,
+            channels=channels,
+            channel_units=channel_units,
+            name=str(said.get("name", name)),
+            drive_unit=drive_unit,
+            position_unit=position_unit,
+            between=wanted.between or said.get("between", Between.LINEAR),
+            period=None if period is None else quantity(period, "s"),
+            startup=quantity(startup, "s"),
+            source=str(said.get("source", os.path.basename(table.file))),
+            allow_saturated=wanted.allow_saturated or bool(said.get("allow_saturated", False)),
+            notes=(*table.notes, *clock_notes),
+        )
+        return treated(record, wanted)
+    except InputError as error:
+        already = str(error).startswith(table.file)
+        raise InputError(str(error) if already else f"{table.file}: {error}") from error
+
+
+def _given(table: Table, said: str | None) -> frozenset[int]:
+    """The place of a column that the caller gives to another role, where others are left."""
+    if said is None:
+        return frozenset()
+    given = frozenset({choose(table, POSITION, said)[0]})
+    others = candidates(table, lambda unit: same_dimension(unit, DRIVE.unit), given)
+    return given if others else frozenset()
+
+
+def _time(
+    table: Table, wanted: Wanted, own: str | None
+) -> tuple[int | None, FloatArray, list[str]]:
+    """The place of the column of time, the instants [s], and what was concluded about them."""
+    said = wanted.time or own
+    has_column = said is not None or bool(candidates(table, lambda u: same_dimension(u, "s")))
+    if (hertz := wanted.hertz) is not None:
+        count = max((column.values.size for column in table.columns), default=0)
+        note = f"The clock is even, at the {hertz:g} Hz that were given"
+        place = None
+        if has_column:
+            place, column = choose(table, TIME, said)
+            count = column.values.size
+            note += f"; column {column.header!r} was not used"
+        return place, np.arange(count) / hertz, [f"{note}."]
+    if not has_column and table.steps is not None and wanted.rate is None:
+        count = max((column.values.size for column in table.columns), default=0)
+        steps = table.steps
+        instants = np.arange(count, dtype=np.float64) * steps.step + steps.start
+        return None, instants, [steps.said]
+    place, column = choose(table, TIME, said)
+    time, _ = in_si(table, column)
+    if wanted.rate == "even" and time.size > 1:
+        if not time[-1] > time[0]:
+            raise InputError(
+                f"{table.file}: column {column.header!r} does not end after it begins, so there "
+                "is no even clock between its ends: give the rate, rate='1 kHz'"
+            )
+        step = (time[-1] - time[0]) / (time.size - 1)
+        note = f"The clock is even between the ends of {column.header!r}: {step:g} s a sample."
+        return place, np.linspace(time[0], time[-1], time.size), [note]
+    return place, time, []
+
+
+def _trimmed(
+    table: Table, time: FloatArray, begin: float | None, end: float | None
+) -> tuple[Table, FloatArray, str]:
+    """The rows with begin <= time < end, each called as before."""
+    slack = 1e-9 * float(np.ptp(time)) / max(time.size, 1)
+    inside = time >= (-np.inf if begin is None else begin) - slack
+    inside &= time < (np.inf if end is None else end) - slack
+    kept = np.flatnonzero(inside)
+    if kept.size == 0:
+        raise InputError(
+            f"{table.file}: nothing lies in the stretch that was asked, the record runs from "
+            f"{time.min():g} s to {time.max():g} s: choose another with trim='...'"
+        )
+    columns = tuple(
+        Column(c.name, c.unit, c.values[kept] if c.values.size == time.size else c.values)
+        for c in table.columns
+    )
+    whole = table.row
+    note = f"Samples {kept[0] + 1} to {kept[-1] + 1} of {time.size} were kept."
+    part = replace(table, columns=columns, row=lambda index: whole(int(kept[index])))
+    return part, time[kept], note
+
+
+def _check_order(table: Table, column: Column, time: FloatArray) -> None:
+    late = np.flatnonzero(np.diff(time) <= 0)
+    if late.size == 0:
+        return
+    index = int(late[0]) + 1
+    again = time[index] == time[index - 1]
+    rows = f"{table.row(index - 1)} ({column.values[index - 1]:.12g})"
+    where = f"{table.file}: {table.row(index)}, column {column.header!r}: the time"
+    if again and not np.any(np.diff(time) < 0) and late.size > 0.2 * time.size:
+        raise InputError(
+            f"{where} {column.values[index]:.12g} repeats that of {rows}, and so does that of "
+            f"{late.size} rows: the clock is printed with too few digits; give the rate, "
+            "rate='1 kHz', or rate='even' for an even clock between its ends"
+        )
+    kind = "repeats that of" if again else "is before that of"
+    remedy = (
+        "remove one of the two rows"
+        if late.size == 1 and again
+        else "the clock restarts there, so these are two records: split the file before that row"
+        if late.size == 1 and time[index] <= time[0] + 1e-9 * abs(time[index - 1] - time[0])
+        else "put the rows in the order of time, or give the rate, rate='1 kHz', where the clock "
+        "is wrong"
+    )
+    raise InputError(f"{where} {column.values[index]:.12g} {kind} {rows}: {remedy}")
+
+
+def _channels(
+    table: Table, taken: frozenset[int], length: int
+) -> tuple[dict[str, FloatArray], dict[str, str]]:
+    """The other columns with a unit, in SI; a column without one is not a signal."""
+    channels: dict[str, FloatArray] = {}
+    units: dict[str, str] = {}
+    for index, column in enumerate(table.columns):
+        if index in taken or column.unit is None or column.values.size != length:
+            continue
+        if column.name in channels:
+            raise InputError(
+                f"{table.file}: has two columns {column.name!r}: give them different names"
+            )
+        channels[column.name], units[column.name] = in_si(table, column)
+    return channels, units
