@@ -17,6 +17,7 @@ from piezo_opt.cli.compare import compare
 from piezo_opt.cli.demo import demo
 from piezo_opt.cli.diagnose import diagnose
 from piezo_opt.cli.export import export
+from piezo_opt.cli.fem import fem
 from piezo_opt.cli.fit import fit
 from piezo_opt.cli.report import report
 from piezo_opt.cli.simulate import simulate
@@ -103,6 +104,7 @@ for command in (demo, fit, diagnose, simulate, compare, report):
     app.command()(command)
 app.add_typer(bench)
 app.add_typer(export)
+app.add_typer(fem)
 
 
 def main() -> None:
