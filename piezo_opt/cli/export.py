@@ -75,6 +75,12 @@ def c(
     name: Name = "actuator",
     substeps: Substeps = None,
     drive_range: Range = None,
+    board: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME", help="Run it on atmega328p or cortex-m4f as well, with --float."
+        ),
+    ] = None,
     time: o.Time = None,
     drive: o.Drive = None,
     position: o.Position = None,
@@ -88,7 +94,7 @@ def c(
     \b
     Examples:
       piezo-opt export c fit.json --out actuator --replay other.csv
-      piezo-opt export c fit.json --out firmware --float --step "1 ms"
+      piezo-opt export c fit.json --out firmware --float --step "1 ms" --board cortex-m4f
     """
     from piezo_opt.export import export_c
 
@@ -102,5 +108,6 @@ def c(
         name=name,
         substeps=substeps,
         drive=volts(drive_range),
+        boards=tuple(board or ()),
     )
     typer.echo(str(found))

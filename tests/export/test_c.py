@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from typer.testing import CliRunner
 
 import piezo_opt as po
-from piezo_opt.diagnosis import Diagnosis
+from piezo_opt.cli import app
 from piezo_opt.effects import (
     BoucWen,
     Creep,
@@ -29,11 +30,12 @@ from piezo_opt.effects import (
 )
 from piezo_opt.errors import InputError, ModelError
 from piezo_opt.export import export_c
-from piezo_opt.export.c import writer as writer_module
-from piezo_opt.export.c.plan import plan, system_of
+from piezo_opt.export.c import verb
+from piezo_opt.export.c.beside import program
+from piezo_opt.export.c.plan import Plan, plan, system_of
 from piezo_opt.export.c.printer import DOUBLE, FLOAT, Precision
 from piezo_opt.export.c.replay import replay
-from piezo_opt.export.c.writer import Writer
+from piezo_opt.export.c.writer import text
 from piezo_opt.export.given import given, on
 from piezo_opt.measurement import Measurement
 from piezo_opt.modelfile import read_model
@@ -73,12 +75,10 @@ def written(folder: Path, model: Model, values: dict[str, float], precision: Pre
     """The code of a model with given sub-steps, without a check."""
     what = given(model, values)
     ready = plan(what, system_of(what), "actuator", SUBSTEPS)
-    by = Writer(ready, precision)
+    header, source = text(ready, precision)
     folder.mkdir(exist_ok=True)
-    (folder / "actuator.c").write_text(by.source())
-    (folder / "actuator.h").write_text(by.header())
-    from piezo_opt.export.c.beside import program
-
+    (folder / "actuator.c").write_text(source)
+    (folder / "actuator.h").write_text(header)
     (folder / "main.c").write_text(program(ready, precision, "m"))
     return what, ready
 
@@ -117,6 +117,16 @@ def test_the_test_of_floats_sees_a_double(tmp_path: Path) -> None:
     assert {"exp", "__aeabi_f2d", "__aeabi_d2f", "__aeabi_dmul"} <= found
 
 
+def test_a_model_without_states(tmp_path: Path) -> None:
+    for precision in ("double", "float"):
+        found = export_c(
+            PiezoGain() + Drift(), tmp_path / precision, values={"drift.rate": 1e-6}, step="1 ms",
+            precision=precision,
+        )  # fmt: skip
+        assert found.replay is not None
+        assert found.replay.share < 1e-6
+
+
 @pytest.mark.parametrize("command", DIAGNOSTICS, ids=lambda command: command[0])
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_compilers_say_nothing(command: list[str], precision: str, tmp_path: Path) -> None:
@@ -138,14 +148,14 @@ def test_a_reader_finds_the_equations(tmp_path: Path) -> None:
     for name, parameter in FOUR.parameters.items():
         line = f"double {name.replace('.', '_')};"
         if not parameter.fixed:
-            found = next(text for text in header.splitlines() if line in text)
+            found = next(one for one in header.splitlines() if line in one)
             assert parameter.meaning in found
             assert f"[{parameter.unit}]" in found
     assert "double creep_z[3];" in header
     plain = " ".join(source.split())
-    assert "rates.bouc_wen_h = p->bouc_wen_alpha * drive_rate - (p->bouc_wen_beta" in plain
+    assert "rates->bouc_wen_h = p->bouc_wen_alpha * drive_rate - (p->bouc_wen_beta" in plain
     assert "const double free_displacement = p->piezo_gain_d * drive - x->bouc_wen_h" in plain
-    assert "rates.second_order_x = x->second_order_w;" in plain
+    assert "rates->second_order_x = x->second_order_w;" in plain
     # No memory of its own, nothing but libm.
     assert not re.search(
         r"\b(static (?!actuator|double|void|float)|malloc|extern (?!\"C\"))", plain
@@ -212,12 +222,11 @@ def test_a_million_steps(tmp_path: Path) -> None:
 def test_a_mismatch_is_refused_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own = Writer.source
+    def wrong(ready: Plan, precision: Precision) -> tuple[str, str]:
+        header, source = text(ready, precision)
+        return header, source.replace("0.5 * h", "0.4999 * h")
 
-    def wrong(self: Writer) -> str:
-        return own(self).replace("0.5 * h", "0.4999 * h")
-
-    monkeypatch.setattr(writer_module.Writer, "source", wrong)
+    monkeypatch.setattr(verb, "text", wrong)
     with pytest.raises(ModelError, match="does not read what the library reads"):
         export_c(FOUR, tmp_path / "out", values=VALUES, replay=record())
     assert list(tmp_path.iterdir()) == []
@@ -289,9 +298,8 @@ def test_fits_and_their_files(fit: po.Fit, tmp_path: Path) -> None:
         out = tmp_path / path.stem
         export_c(path, out if path != file else tmp_path / "of file", replay=record("other"))
         folder = out if path != file else tmp_path / "of file"
-        text = (folder / "actuator.c").read_text()
-        assert text.split("#include")[1] == source.split("#include")[1]
-    assert isinstance(Diagnosis, type)
+        told = (folder / "actuator.c").read_text()
+        assert told.split("#include")[1] == source.split("#include")[1]
 
 
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not installed")
@@ -310,3 +318,19 @@ def test_the_build_file_builds(tmp_path: Path) -> None:
     assert done.stdout.splitlines()[0] == "time [s],reading [m]"
     assert len(done.stdout.splitlines()) == 3
     assert "numbers instead of 2" in done.stderr
+
+
+def test_the_command(fit: po.Fit, tmp_path: Path) -> None:
+    file, other, out = tmp_path / "fit.json", tmp_path / "other.csv", tmp_path / "out"
+    file.write_text(json.dumps(fit.to_dict()))
+    po.write(record("other"), other)
+    found = CliRunner().invoke(
+        app, ["export", "c", str(file), "--out", str(out), "--float", "--replay", str(other)]
+    )
+    assert found.exit_code == 0, found.output
+    assert "replayed other (300 samples)" in found.stdout
+    assert "float piezo_gain_d;" in (out / "actuator.h").read_text()
+    again = CliRunner().invoke(app, ["export", "c", str(file), "--out", str(out), "--step", "1 ms"])
+    assert again.exit_code == 2
+    assert again.stdout == ""
+    assert again.stderr.strip() == f"{out}: exists already: choose another name, or remove it first"

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, final
 
-from piezo_opt.errors import InputError
+import numpy as np
+
+from piezo_opt.errors import InputError, ModelError
+from piezo_opt.export.boards import Footprint, available, measure
 from piezo_opt.export.c import beside, naming
 from piezo_opt.export.c.plan import Plan, plan, system_of
 from piezo_opt.export.c.printer import DOUBLE, FLOAT, Precision
-from piezo_opt.export.c.replay import Replay, replay
-from piezo_opt.export.c.writer import Writer
+from piezo_opt.export.c.replay import ADMITTED, Replay, replay
+from piezo_opt.export.c.writer import text
 from piezo_opt.export.folder import appearing, check_new
 from piezo_opt.export.given import Given, Source, given, interval, on, trial
 from piezo_opt.export.scheme import cut
@@ -25,6 +28,8 @@ from piezo_opt.units import show
 PRECISIONS: Final[Mapping[str, Precision]] = {"double": DOUBLE, "float": FLOAT}
 _RANGE: Final = (0.0, 100.0)
 """Drive [V] of a model that comes without a record and without a range."""
+_ROWS: Final = 200
+"""Samples that are run on a board: their table fits into its memory."""
 
 
 @final
@@ -39,6 +44,7 @@ class Exported:
         replay: the compiled code beside the library; None where there is no compiler.
         pruned: effects at their null, which are not in the code.
         remarks: what else to know, in sentences.
+        footprints: what the code takes on boards, where that was asked for.
     """
 
     folder: Path
@@ -47,12 +53,14 @@ class Exported:
     replay: Replay | None
     pruned: tuple[str, ...]
     remarks: tuple[str, ...]
+    footprints: tuple[Footprint, ...] = ()
 
     def __str__(self) -> str:
         checked = (
             "not compiled here: there is no C compiler" if self.replay is None else self.replay
         )
         lines = [f"{self.folder}: {', '.join(self.files)}; {checked}."]
+        lines += [f"{one}." for one in self.footprints]
         return "\n".join([*lines, *(f"Remark: {one}" for one in self.remarks)])
 
 
@@ -67,6 +75,7 @@ def export_c(
     name: str = "actuator",
     substeps: int | None = None,
     drive: tuple[float, float] | None = None,
+    boards: Sequence[str] = (),
 ) -> Exported:
     """Write a model as C99 that needs nothing but libm.
 
@@ -86,17 +95,18 @@ def export_c(
         substeps: in every interval; by default chosen so that the scheme errs by 1e-6 of the
             reading's range on the record.
         drive: range of the drive [V] for a model without a record.
+        boards: ``"atmega328p"``, ``"cortex-m4f"``: the float code is built and run there, too.
 
     Raises:
-        InputError: the folder exists, the step is too long for the model, the record lacks a
-            channel, or an argument makes no sense.
+        InputError: the folder exists, tools of a board are not installed, the step is too long
+            for the model, the record lacks a channel, or an argument makes no sense.
         ModelError: the model holds what C cannot say, or the code does not read what the library
             reads; nothing is written then.
     """
     check_new(folder)
     return write_c(
         given(source, values), folder, step=step, precision=precision, replayed=replay, name=name,
-        substeps=substeps, drive=drive,
+        substeps=substeps, drive=drive, boards=boards,
     )  # fmt: skip
 
 
@@ -135,11 +145,16 @@ def write_c(
     name: str = "actuator",
     substeps: int | None = None,
     drive: tuple[float, float] | None = None,
+    boards: Sequence[str] = (),
 ) -> Exported:
     """As :func:`export_c`, of what has been read already."""
     if precision not in PRECISIONS:
         raise InputError(f"precision = {precision!r}: take 'double' or 'float'")
     numbers = PRECISIONS[precision]
+    if boards and not numbers.is_float:
+        raise InputError("boards: they count in float: give precision='float' (--float)")
+    for board in boards:
+        available(board)
     compiler = find_compiler()
     if replayed is not None and compiler is None:
         raise InputError(
@@ -149,10 +164,9 @@ def write_c(
     ready, accuracy, record = planned(
         what, step=step, replayed=replayed, name=name, substeps=substeps, drive=drive
     )
-    writer = Writer(ready, numbers)
-    source = writer.source()
+    header, source = text(ready, numbers)
     files = {
-        f"{name}.h": writer.header(),
+        f"{name}.h": header,
         f"{name}.c": source,
         "main.c": beside.program(ready, numbers, record.position_unit),
         "CMakeLists.txt": beside.build_file(ready),
@@ -160,23 +174,51 @@ def write_c(
     check: Replay | None = None
     remarks: list[str] = []
     with appearing(folder) as scratch:
-        for file, text in files.items():
-            (scratch / file).write_text(text, encoding="utf-8")
+        for file, said in files.items():
+            (scratch / file).write_text(said, encoding="utf-8")
         if compiler is not None:
             check = replay(
                 scratch, name, precision, compiler, what.model, what.values, record,
                 accuracy.substeps, ready.system.channel_names,
             )  # fmt: skip
-        text = beside.read_me(ready, numbers, _scheme(ready, accuracy), _checked(check))
-        (scratch / "README.md").write_text(text, encoding="utf-8")
+        footprints = tuple(
+            _on_board(scratch, name, board, record, ready.system.channel_names, check)
+            for board in boards
+        )
+        told = " ".join((_checked(check), *(f"{one}." for one in footprints)))
+        said = beside.read_me(ready, numbers, _scheme(ready, accuracy), told)
+        (scratch / "README.md").write_text(said, encoding="utf-8")
     if replayed is None:
         remarks.append(
             f"Replayed on {record.name}: give a record that the fit has not seen (replay=, "
             "--replay) for a check on your own drive."
         )
     return Exported(
-        Path(folder), (*files, "README.md"), accuracy, check, what.pruned, tuple(remarks)
-    )
+        Path(folder), (*files, "README.md"), accuracy, check, what.pruned, tuple(remarks),
+        footprints,
+    )  # fmt: skip
+
+
+def _on_board(
+    folder: Path,
+    name: str,
+    board: str,
+    record: Measurement,
+    channels: Sequence[str],
+    check: Replay | None,
+) -> Footprint:
+    """What the code takes on a board; it must read there what it reads here."""
+    some = slice(0, _ROWS)
+    inputs = [record.time - record.time[0], record.drive, *(record.channels[c] for c in channels)]
+    found = measure(folder, name, board, [column[some] for column in inputs])
+    if check is not None:
+        apart = float(np.abs(found.reading - check.reading[some]).max()) / (check.stroke or 1.0)
+        if not apart <= ADMITTED["float"]:
+            raise ModelError(
+                f"{board}: the code reads something else there, by {apart:.1e} of the stroke; "
+                "nothing was written."
+            )
+    return found
 
 
 def _scheme(ready: Plan, accuracy: Accuracy) -> str:

@@ -1,0 +1,149 @@
+"""The equations as functions of C: reading, rates, jumps, and what follows from parameters."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from piezo_opt.export.c import naming
+from piezo_opt.export.c.pen import Pen, braced, comment
+from piezo_opt.export.c.printer import WIDTH, wrapped
+
+_HELPERS: Final = {
+    "sign": ("a", "({R})((a > {0}) - (a < {0}))"),
+    "smaller": ("a, b", "a < b ? a : b"),
+    "larger": ("a, b", "a > b ? a : b"),
+}  # fmt: skip
+_MISSING: Final = {
+    "log1p": "const {R} u = {1} + a;\n    return u == {1} ? a : {log}(u) * a / (u - {1});",
+    "expm1": (
+        "const {R} u = {exp}(a), less = u - {1};\n"
+        "    return less == {0} ? a : less == -{1} ? less : less * a / {log}(u);"
+    ),
+}  # fmt: skip
+"""Functions of C99 that the library of 8-bit processors lacks (Kahan's way, Higham 2002, 1.14)."""
+
+
+def output(pen: Pen) -> list[str]:
+    """The reading of the struct as it is."""
+    lines = pen.written([("return", pen.plan.reading)], from_struct=True)
+    unused = [] if any("a->" in line for line in lines) else ["(void)a;"]
+    return [
+        f"{pen.real} {pen.name}_output(const {pen.name} *a)",
+        *braced([*unused, *lines]),
+    ]
+
+
+def arguments(pen: Pen) -> list[str]:
+    """What the rates read beside states and parameters."""
+    found = set(pen.plan.graph.leaves(pen.plan.rates))
+    return [leaf for leaf in pen.moving() if leaf in found]
+
+
+def rates(pen: Pen) -> list[str]:
+    """How fast the states move; and what a scheme does with that."""
+    plan, n = pen.plan, pen.name
+    if not plan.flowing:
+        return []
+    results = [
+        (f"rates->{name} =", k)
+        for one in plan.flowing
+        for name, k in zip(one.elements, plan.nodes(one, plan.rates), strict=True)
+    ]
+    lines = pen.written(results, from_struct=False)
+    unused = [
+        f"(void){short};"
+        for short, sign in (("a", "a->"), ("x", "x->"))
+        if not any(sign in line for line in lines)
+    ]
+    given = [f"const {n} *a", f"const {n}_states *x"]
+    given += [f"{pen.real} {leaf}" for leaf in arguments(pen)]
+    said = [
+        f"{effect}: {'; '.join(naming.plain(line) for line in kind.equation.splitlines())}"
+        for effect, kind in plan.given.model
+    ]
+    return [
+        *comment("How fast the states move at one instant.", *said),
+        *wrapped(f"static void {n}_rates_at({', '.join(given)}, {n}_rates *rates)", WIDTH),
+        *braced([*unused, *lines]),
+        "",
+        "/* States along a straight line. */",
+        *wrapped(
+            f"static void {n}_along(const {n}_states *x, {pen.real} h, "
+            f"const {n}_rates *rates, {n}_states *moved)", WIDTH,
+        ),
+        *braced([
+            "*moved = *x;",
+            *(f"moved->{name} += h * rates->{name};" for name in pen.flowing()),
+        ]),
+        "",
+        "/* A sum of rates. */",
+        f"static void {n}_gather({n}_rates *sum, {pen.real} weight, const {n}_rates *rates)",
+        *braced([f"sum->{name} += weight * rates->{name};" for name in pen.flowing()]),
+    ]  # fmt: skip
+
+
+def jump(pen: Pen) -> list[str]:
+    """What becomes of states that jump."""
+    plan = pen.plan
+    if plan.jumps is None:
+        return []
+    jumping = [
+        (f"after.{name} =", k)
+        for one in plan.states
+        for name, k in zip(one.elements, plan.nodes(one, plan.jumps), strict=True)
+        if plan.graph.nodes[k].name != f"x->{name}"
+    ]
+    lines = pen.written(jumping, from_struct=True)
+    return [
+        "/* What remembers turns: its value after a stretch of the drive in one direction. */",
+        f"static void {pen.name}_jump({pen.name} *a)",
+        *braced([
+            f"{pen.name}_states after = a->states;", *lines, "a->states = after;",
+        ]),
+    ]  # fmt: skip
+
+
+def prepare(pen: Pen) -> list[str]:
+    """What follows from the parameters alone."""
+    plan, n = pen.plan, pen.name
+    if not plan.derived:
+        return []
+    results = [(f"d->{name} =", k) for name, k in plan.derived.items()]
+    lines = pen.written(results, from_struct=False, derived=False)
+    alias = f"{n}_derived *const d = &a->derived;"
+    lines = [alias, *(line for line in lines if "*const d =" not in line)]
+    return [f"void {n}_prepare({n} *a)", *braced(lines)]
+
+
+def helpers(pen: Pen) -> list[str]:
+    """Functions that the C library lacks, where they are called."""
+    out: list[str] = []
+    words = {
+        "R": pen.real, "0": pen.number(0.0), "1": pen.number(1.0),
+        "log": pen.precision.call("log"), "exp": pen.precision.call("exp"),
+    }  # fmt: skip
+
+    def filled(text: str) -> str:
+        for key, value in words.items():
+            text = text.replace(f"{{{key}}}", value)
+        return text
+
+    for name, (given, said) in _HELPERS.items():
+        if name in pen.called:
+            typed = ", ".join(f"{pen.real} {one}" for one in given.split(", "))
+            out += [
+                f"static {pen.real} {pen.name}_{name}({typed})",
+                "{", f"    return {filled(said)};", "}", "",
+            ]  # fmt: skip
+    missing = [name for name in _MISSING if name in pen.called]
+    if missing:
+        out += ["#ifdef __AVR__", "/* The library of this processor lacks these. */"]
+        for name in missing:
+            function = pen.precision.call(name)
+            out += [
+                f"static {pen.real} {pen.name}_{name}({pen.real} a)",
+                "{", f"    {filled(_MISSING[name])}", "}",
+                f"#define {function} {pen.name}_{name}",
+            ]  # fmt: skip
+        out += ["#endif", ""]
+    return out

@@ -1,0 +1,170 @@
+"""How time passes: the start, the sub-step, and the interval between two calls."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from piezo_opt.export.c.equations import arguments
+from piezo_opt.export.c.pen import Pen, braced
+from piezo_opt.export.c.printer import wrapped
+
+_SLACK: Final = {"double": 1e-6, "float": 1e-4}
+"""What rounding of time stamps may add to a number of sub-steps without adding one."""
+_MOST: Final = 1e6
+"""Sub-steps of one interval at most, so that a slip does not hang the program."""
+
+
+def adder(pen: Pen) -> list[str]:
+    """The sum that remembers its rounding, for numbers of four bytes."""
+    if not (pen.compensated or pen.timed_lost):
+        return []
+    real = pen.real
+    return [
+        "/* A sum that remembers what rounding took from it (Kahan 1965); it needs a",
+        "   compiler that does not reorder additions. */",
+        f"static void {pen.name}_add({real} *sum, {real} *lost, {real} more)",
+        *braced([
+            f"const {real} whole = more - *lost;",
+            f"const {real} next = *sum + whole;",
+            "*lost = (next - *sum) - whole;",
+            "*sum = next;",
+        ]),
+    ]  # fmt: skip
+
+
+def substep(pen: Pen) -> list[str]:
+    """A sub-step: the scheme, and what jumps behind it."""
+    plan, n, real = pen.plan, pen.name, pen.real
+    if not (plan.flowing or plan.jumps):
+        return []
+    lines: list[str] = []
+    if plan.flowing:
+        lines += [
+            f"const {real} half = {pen.number(0.5)} * h;",
+            f"{n}_rates sum, k;",
+            f"{n}_states x;",
+            *stage(pen, "&a->states", "", "sum"),
+        ]
+        for by, before, weight in (("half", "sum", 2.0), ("half", "k", 2.0), ("h", "k", 1.0)):
+            lines += [
+                f"{n}_along(&a->states, {by}, &{before}, &x);",
+                *stage(pen, "&x", by, "k"),
+                f"{n}_gather(&sum, {pen.number(weight)}, &k);",
+            ]
+        lines += [f"const {real} sixth = h * {pen.number(1.0 / 6.0)};"]
+        for name in pen.flowing():
+            if pen.compensated:
+                said = f"{n}_add(&a->states.{name}, &a->lost.{name}, sixth * sum.{name});"
+            else:
+                said = f"a->states.{name} += sixth * sum.{name};"
+            lines += wrapped(said)
+    if plan.timed:
+        lines += [f"{n}_add(&a->time, &a->time_lost, h);" if pen.timed_lost else "a->time += h;"]
+    for one in (plan.input, *plan.channels):
+        lines += [f"a->{one} += a->{one}_rate * h;"]
+    if plan.jumps is not None:
+        lines += [f"{n}_jump(a);"]
+    scheme = "the classical Runge-Kutta scheme of order four" if plan.flowing else "exact"
+    return [
+        f"/* A sub-step h [s]: {scheme}. */",
+        f"static void {n}_substep({n} *a, {real} h)",
+        *braced(lines),
+    ]
+
+
+def stage(pen: Pen, states: str, by: str, into: str) -> list[str]:
+    """The rates at some states, some way into a sub-step."""
+    given = ["a", states, *(inside(leaf, by) for leaf in arguments(pen)), f"&{into}"]
+    return wrapped(f"{pen.name}_rates_at({', '.join(given)});")
+
+
+def inside(leaf: str, by: str) -> str:
+    """A moving input some way into a sub-step."""
+    if not by or leaf.endswith("_rate"):
+        return f"a->{leaf}"
+    if leaf == "time":
+        return f"a->time + {by}"
+    return f"a->{leaf} + a->{leaf}_rate * {by}"
+
+
+def start(pen: Pen) -> list[str]:
+    """The states at rest."""
+    plan, n = pen.plan, pen.name
+    zero = pen.number(0.0)
+    lines: list[str] = []
+    for one in (plan.input, *plan.channels):
+        lines += [f"a->{one} = {one};", f"a->{one}_rate = {zero};"]
+    if plan.timed:
+        lines += [f"a->time = {zero};"]
+        if pen.timed_lost:
+            lines += [f"a->time_lost = {zero};"]
+    if pen.compensated:
+        lines += [f"a->lost.{name} = {zero};" for name in pen.flowing()]
+    if plan.derived:
+        lines += [f"{n}_prepare(a);"]
+    results = [
+        (f"a->states.{name} =", k)
+        for one in plan.states
+        for name, k in zip(one.elements, plan.nodes(one, plan.start), strict=True)
+    ]
+    if results:
+        # A time that is asked for is that of the start.
+        lines += pen.written(results, from_struct=False)
+        if "time" in plan.graph.leaves(plan.start):
+            lines.insert(0, f"const {pen.real} time = {zero};")
+    aliases = [line for line in lines if "*const" in line]
+    return [
+        f"void {n}_start({n} *a, {pen.inputs()})",
+        *braced([*aliases, *(line for line in lines if line not in aliases)]),
+    ]
+
+
+def init(pen: Pen) -> list[str]:
+    """The values of the fit, then the start."""
+    plan, n = pen.plan, pen.name
+    lines = [
+        f"a->parameters.{one.name} = {pen.number(plan.given.values[one.full])};"
+        for one in plan.parameters
+    ]
+    if plan.flowing or plan.jumps:
+        for field, value in (
+            ("longest_substep", plan.substeps.longest),
+            ("largest_move", plan.substeps.largest_move),
+        ):
+            # A limit that is none, written so that it needs no header.
+            lines += [f"a->{field} = {pen.number(min(value, 1e30))};"]
+    inputs = ", ".join(("a", plan.input, *plan.channels))
+    return [
+        f"void {n}_init({n} *a, {pen.inputs()})",
+        *braced([*lines, f"{n}_start({inputs});"]),
+    ]
+
+
+def step(pen: Pen) -> list[str]:
+    """An interval between two calls, cut into sub-steps."""
+    plan, n, real = pen.plan, pen.name, pen.real
+    one, slack = pen.number(1.0), pen.number(_SLACK[real])
+    inputs = (plan.input, *plan.channels)
+    lines = [f"if (!(interval > {pen.number(0.0)})) return {n}_output(a);"]
+    if plan.flowing or plan.jumps:
+        size, up = pen.call("fabs"), pen.call("ceil")
+        lines += [
+            f"const {real} by_time = interval / a->longest_substep;",
+            f"const {real} by_move = {size}({plan.input} - a->{plan.input}) / a->largest_move;",
+            f"const {real} wanted = {up}((by_time > by_move ? by_time : by_move) - {slack});",
+            f"const long most = {int(_MOST)};",
+            f"const long count = !(wanted > {one}) ? 1 : "
+            f"wanted > ({real})most ? most : (long)wanted;",
+            f"const {real} h = interval / ({real})count;",
+        ]
+    lines += [f"a->{one}_rate = ({one} - a->{one}) / interval;" for one in inputs]
+    if plan.flowing or plan.jumps:
+        lines += [f"for (long i = 0; i < count; ++i) {n}_substep(a, h);"]
+    elif plan.timed:
+        said = f"{n}_add(&a->time, &a->time_lost, interval);"
+        lines += [said if pen.timed_lost else "a->time += interval;"]
+    lines += [f"a->{one} = {one};" for one in inputs]
+    return [
+        f"{real} {n}_step({n} *a, {real} interval, {pen.inputs()})",
+        *braced([*lines, f"return {n}_output(a);"]),
+    ]
