@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 import casadi as ca
 import control
 import numpy as np
 
-from piezo_opt.assembly import assemble
+from piezo_opt.assembly import System, assemble
 from piezo_opt.effects import Model
 from piezo_opt.errors import ModelError
 from piezo_opt.identification import Fit
+from piezo_opt.symbolic import one_at_a_time
 from piezo_opt.units import quantity
 from piezo_opt.values import Values
 
@@ -56,16 +58,8 @@ def linearise(
         )
     n, u0 = len(system.state_names), quantity(at, "V")
     p = numbers.vector(system.parameter_names)
-    x, u, du = ca.SX.sym("x", n), ca.SX.sym("u"), ca.SX.sym("du")
-    none = ca.SX(0, 1)
-    rate = system.rate(0.0, x, u, du, none, none, p)
-    reading = system.reading(0.0, x, u, du, none, none, p)
-    slopes = ca.Function(
-        "slopes", [x, u, du],
-        [ca.jacobian(e, v) for e in (rate, reading) for v in (x, u, du)],
-    )  # fmt: skip
     rest = system.start(0.0, u0, np.zeros(0), p, np.zeros(n))
-    a, b, e, c, d, f = (np.asarray(one, dtype=float) for one in slopes(rest, u0, 0.0))
+    a, b, e, c, d, f = (np.asarray(one, dtype=float) for one in _slopes(system)(rest, u0, 0.0, p))
     if np.abs(f).max(initial=0.0) > 0.0:
         raise ModelError(
             "The reading of this model follows the rate of the drive at once, which no state-space "
@@ -82,3 +76,17 @@ def linearise(
         return linear
     behind = float(system.delay(p))
     return control.series(control.ss(control.tf(*control.pade(behind, delay_order))), linear)
+
+
+@lru_cache(maxsize=64)
+@one_at_a_time
+def _slopes(system: System) -> ca.Function:
+    """``(x, u, u', p)`` to the slopes of rate and reading by x, u and u'."""
+    x, u, du = ca.SX.sym("x", len(system.state_names)), ca.SX.sym("u"), ca.SX.sym("du")
+    p, none = ca.SX.sym("p", len(system.parameter_names)), ca.SX(0, 1)
+    rate = system.rate(0.0, x, u, du, none, none, p)
+    reading = system.reading(0.0, x, u, du, none, none, p)
+    return ca.Function(
+        "slopes", [x, u, du, p],
+        [ca.jacobian(e, v) for e in (rate, reading) for v in (x, u, du)],
+    )  # fmt: skip

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Final, final
+
+import casadi as ca
+import control
+import numpy as np
 
 from piezo_opt.errors import InputError
 
@@ -23,11 +27,11 @@ class PIDState:
 class PID:
     """Discrete PID of the error e = r - y.
 
-        u = Kp e + I + Kd s + feedforward,   I += Ki T e,   s' = (e' - s) / tau
+        u = Kp e + I + Kd s,   I += Ki T e,   s' = (e' - s) / tau
 
     The integral is taken by the trapezoidal rule, the filter by the backward difference. Where the
-    drive is limited the integral stands still while it would push further out (conditional
-    integration).
+    drive is limited the integral gives back what the drive could not follow, but no more than it
+    has just gained (conditional integration without a jump).
 
     Args:
         kp: [V/m], ki: [V/(m s)], kd: [V s/m].
@@ -62,8 +66,45 @@ class PID:
         error = reference - reading
         last = error if state.error is None else state.error
         slope = (self.tau * state.slope + (error - last)) / (self.tau + period)
-        integral = state.integral + self.ki * period * (error + last) / 2.0
-        wanted = self.kp * error + integral + self.kd * slope
+        gained = self.ki * period * (error + last) / 2.0
+        wanted = self.kp * error + (state.integral + gained) + self.kd * slope
         drive = min(max(wanted, low), high)
-        outward = (wanted - drive) * (integral - state.integral) > 0.0
-        return drive, PIDState(state.integral if outward else integral, slope, error)
+        back = min(max(wanted - drive, min(gained, 0.0)), max(gained, 0.0))
+        return drive, PIDState(state.integral + gained - back, slope, error)
+
+    def transfer_function(self, period: float) -> control.TransferFunction:
+        """From the error to the drive, sampled at a period [s], away from the limits."""
+        t, hold = period, self.tau + period
+        # In z^-1: Kp + Ki T/2 (1 + z^-1)/(1 - z^-1) + Kd (1 - z^-1)/(tau + T - tau z^-1)
+        one, lag = np.array([1.0, -1.0]), np.array([hold, -self.tau])
+        top = (
+            self.kp * np.convolve(one, lag)
+            + self.ki * t / 2.0 * np.convolve([1.0, 1.0], lag)
+            + self.kd * np.convolve(one, one)
+        )
+        return control.tf(top, np.convolve(one, lag), period)
+
+
+@final
+class PIDLaw:
+    """The same law in the symbols of a program: gains kp, ki, kd, tau."""
+
+    gains: Final = ("kp", "ki", "kd", "tau")
+    memory: Final = 4
+    recipe: Final = "pid, conditional integration without a jump"
+
+    def act(
+        self, memory: ca.SX, reference: ca.SX, reading: ca.SX, period: ca.SX, low: ca.SX,
+        high: ca.SX, gains: ca.SX,
+    ) -> tuple[ca.SX, ca.SX]:  # fmt: skip
+        """The drive and the next memory: integral, slope, error, whether there was one."""
+        kp, ki, kd, tau = ca.vertsplit(gains)
+        integral, slope, last, begun = ca.vertsplit(memory)
+        error = reference - reading
+        last = ca.if_else(begun > 0.0, last, error)
+        slope = (tau * slope + (error - last)) / (tau + period)
+        gained = ki * period * (error + last) / 2.0
+        wanted = kp * error + (integral + gained) + kd * slope
+        drive = ca.fmin(ca.fmax(wanted, low), high)
+        back = ca.fmin(ca.fmax(wanted - drive, ca.fmin(gained, 0.0)), ca.fmax(gained, 0.0))
+        return drive, ca.vertcat(integral + gained - back, slope, error, 1.0)
