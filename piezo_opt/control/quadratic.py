@@ -39,10 +39,8 @@ def solve(
         down = h @ x + g + a.T @ dual
         left = a @ x + slack - b
         gap = float(slack @ dual) / b.size
-        if (
-            max(float(np.abs(down).max()) / scale, float(np.abs(left).max()), gap / scale)
-            < _TOLERANCE
-        ):
+        off = max(float(np.abs(down).max()) / scale, float(np.abs(left).max()), gap / scale)
+        if off < _TOLERANCE:
             break
         weight = dual / slack
         factor = h + a.T @ (weight[:, np.newaxis] * a)
@@ -61,7 +59,8 @@ def solve(
             reach = min(_longest(slack, ds), _longest(dual, dd))
             ahead = float((slack + reach * ds) @ (dual + reach * dd)) / b.size
             centre = (ahead / gap) ** 3 * gap
-            dx, ds, dd = toward(slack * dual + ds * dd - centre)
+            # Where the predictor gets nowhere its square is no guide.
+            dx, ds, dd = toward(slack * dual + reach * reach * ds * dd - centre)
         except np.linalg.LinAlgError:
             break  # as close as numbers of this length come
         reach = 0.995 * min(_longest(slack, ds), _longest(dual, dd), 1.0 / 0.995)
