@@ -44,6 +44,13 @@ if TYPE_CHECKING:
         save_fit,
         solve,
     )
+    from piezo_opt.linear_models import (
+        Detrend,
+        TransferFit,
+        fit_transfer,
+        frequency_response,
+        search_orders,
+    )
     from piezo_opt.measurement import Between, Campaign, Measurement
     from piezo_opt.readers import read, read_campaign, write
     from piezo_opt.report import write_report
@@ -60,6 +67,7 @@ __all__ = [
     "CmaEs",
     "Collocation",
     "Comparison",
+    "Detrend",
     "Diagnosis",
     "DifferentialEvolution",
     "Effect",
@@ -86,6 +94,7 @@ __all__ = [
     "SingleShooting",
     "Sqp",
     "Start",
+    "TransferFit",
     "Values",
     "bootstrap",
     "compare",
@@ -93,6 +102,8 @@ __all__ = [
     "diagnose",
     "effects",
     "export_c",
+    "fit_transfer",
+    "frequency_response",
     "load",
     "load_campaign",
     "load_fit",
@@ -103,6 +114,7 @@ __all__ = [
     "read",
     "read_campaign",
     "save_fit",
+    "search_orders",
     "simulate",
     "solve",
     "uncontrolled_iae",
@@ -123,6 +135,7 @@ _ROOMS: Final = {
         "ScipyLeastSquares Shape SingleShooting Sqp Start bootstrap default_model load_fit "
         "priors_from profile_likelihood save_fit solve "
     ),
+    "linear_models": "Detrend TransferFit fit_transfer frequency_response search_orders",
     "measurement": "Between Campaign Measurement",
     "readers": "read read_campaign write",
     "report": "write_report",

@@ -19,6 +19,7 @@ from piezo_opt.cli.diagnose import diagnose
 from piezo_opt.cli.export import export
 from piezo_opt.cli.fem import fem
 from piezo_opt.cli.fit import fit
+from piezo_opt.cli.linear import linear
 from piezo_opt.cli.report import report
 from piezo_opt.cli.simulate import simulate
 from piezo_opt.cli.solving import INTERRUPTED
@@ -100,7 +101,7 @@ def _options(
     pass
 
 
-for command in (demo, fit, diagnose, simulate, compare, report):
+for command in (demo, fit, diagnose, simulate, compare, report, linear):
     app.command()(command)
 app.add_typer(bench)
 app.add_typer(export)

@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 from piezo_opt.comparison import Entry
 from piezo_opt.comparison.turns import directions
 from piezo_opt.identification import Fit
+from piezo_opt.linear_models import TransferFit
 from piezo_opt.measurement import FloatArray, Measurement
 from piezo_opt.report.style import (
     BLACK,
@@ -262,7 +263,7 @@ def by_amplitude(entries: Sequence[Entry], record: int = 0) -> Figure | None:
         return made
 
 
-def correlations(entry: Entry, record: int = 0) -> Figure:
+def correlations(entry: Entry | TransferFit, record: int = 0) -> Figure:
     """Auto- and cross-correlation of the error with the 99.9 % band (residual test)."""
     with styled():
         made, axes = figure(1, 2, height=2.9)

@@ -1,0 +1,128 @@
+"""``piezo-opt linear``: transfer functions and frequency responses without any physics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from piezo_opt.cli import options as o
+from piezo_opt.cli import outputs
+from piezo_opt.cli.inputs import Reading, parted
+from piezo_opt.errors import InputError
+from piezo_opt.identification import Start
+from piezo_opt.linear_models import (
+    Detrend,
+    FrequencyResponse,
+    OrderSearch,
+    TransferFit,
+    fit_transfer,
+    frequency_response,
+    search_orders,
+)
+from piezo_opt.measurement import Campaign
+
+
+def linear(
+    records: o.Records,
+    poles: Annotated[
+        str,
+        typer.Option(metavar="N|N-M", help="Number of poles, or a range to search."),
+    ] = "1-4",
+    zeros: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N|N-M", help="Number of zeros, or a range; by default all that make sense."
+        ),
+    ] = None,
+    response: Annotated[
+        bool,
+        typer.Option("--response", help="Frequency response of periodic records instead."),
+    ] = False,
+    test: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="RECORD", help="Record that orders are judged on."),
+    ] = None,
+    unstable: Annotated[
+        bool, typer.Option("--unstable", help="Allow poles in the right half plane.")
+    ] = False,
+    detrend: Annotated[
+        Detrend, typer.Option(help="What of the reading is not the system's; estimated with it.")
+    ] = Detrend.OFFSET,
+    start: Annotated[
+        Start, typer.Option(help="The state at the beginning: estimated, or at rest.")
+    ] = Start.FREE,
+    json: o.Json = None,
+    report: o.Page = None,
+    time: o.Time = None,
+    drive: o.Drive = None,
+    position: o.Position = None,
+    record: o.RecordName = None,
+    between: o.BetweenSamples = None,
+    period: o.Period = None,
+    startup: o.Startup = None,
+    split: o.Split = None,
+    overwrite: o.Overwrite = False,
+) -> None:
+    """Fit transfer functions to records, or measure the frequency response of periodic ones.
+
+    Several orders are judged on held-out data (--split or --test) or, without, by FPE.
+
+    \b
+    Examples:
+      piezo-opt linear sweep.csv
+      piezo-opt linear sweep.csv --poles 2-6 --split "3 s" --report linear.html
+      piezo-opt linear steps.csv --poles 2 --zeros 0 --between held
+      piezo-opt linear multisine.csv --response --period "1 s"
+    """
+    if test and split is not None:
+        raise InputError("--test and --split both say what to judge on: give one of them")
+    outputs.check({"--json": json, "--report": report}, overwrite=overwrite)
+    reading = Reading(time, drive, position, record, between, period, startup)
+    train, held_out = parted(reading.records(records), split)
+    if test:
+        held_out = reading.records(test)
+    result: FrequencyResponse | OrderSearch | TransferFit
+    if response:
+        result = frequency_response(train)
+    else:
+        result = _fitted(train, held_out, poles, zeros, not unstable, start, detrend)
+    if json is not None:
+        outputs.write_json(json, result.to_dict(), overwrite=overwrite)
+    if report is not None:
+        from piezo_opt.report import write_report
+
+        write_report(report, result, overwrite=overwrite)
+    typer.echo(str(result))
+    if isinstance(result, OrderSearch):
+        typer.echo(f"\n{result.best}")
+
+
+def _fitted(
+    train: Campaign,
+    test: Campaign | None,
+    poles: str,
+    zeros: str | None,
+    stable: bool,
+    start: Start,
+    detrend: Detrend,
+) -> OrderSearch | TransferFit:
+    n = _range("--poles", poles)
+    m = None if zeros is None else _range("--zeros", zeros)
+    if len(n) == 1 and m is not None and len(m) == 1 and test is None:
+        return fit_transfer(train, n[0], m[0], stable=stable, start=start, detrend=detrend)
+    return search_orders(
+        train, test=test, poles=n, zeros=m, stable=stable, start=start, detrend=detrend
+    )
+
+
+def _range(option: str, text: str) -> list[int]:
+    """[3] of "3", [2, 3, 4] of "2-4"."""
+    pieces = text.split("-")
+    if len(pieces) > 2 or not all(piece.strip().isdecimal() for piece in pieces):
+        raise InputError(f"{option} {text}: give a number or a range, such as 2 or 2-4")
+    low, high = int(pieces[0]), int(pieces[-1])
+    if high < low:
+        raise InputError(f"{option} {text}: a range goes up, such as {high}-{low}")
+    return list(range(low, high + 1))
