@@ -92,6 +92,35 @@ def hidden(
     typer.echo(str(found))
 
 
+@bench.command()
+def linear_coverage(
+    seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Records.")] = 200,
+) -> None:
+    """How often the 95 % intervals of a black-box linear fit hold the truth.
+
+    \b
+    Example:
+      piezo-opt bench linear-coverage
+    """
+    from piezo_opt.benchmark.linear_coverage import linear_coverage as measured
+
+    for name, share in measured(seeds).items():
+        typer.echo(f"{name:<22}{100.0 * share:.1f} % of {seeds}")
+
+
+@bench.command()
+def linear_peers() -> None:
+    """Black-box linear models against SIPPY and nfoursid, which must be installed.
+
+    \b
+    Example:
+      piezo-opt bench linear-peers
+    """
+    from piezo_opt.benchmark.linear_peers import linear_peers as measured
+
+    typer.echo(str(measured()))
+
+
 @contextmanager
 def _counting() -> Iterator[Callable[[int, int], None] | None]:
     """Shows how many records are done, on a terminal."""

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, final
+from typing import TYPE_CHECKING, Final, final
 
-import control
 import numpy as np
-from scipy import linalg, optimize
 
 from piezo_opt.errors import InputError
 from piezo_opt.linear_models.judging import state_space
+from piezo_opt.linear_models.stepping import exponential
 from piezo_opt.measurement import FloatArray
+
+if TYPE_CHECKING:
+    import control
 
 _BAND: Final = 0.02
 """Share of the final value within which a response has settled: the usual 2 %."""
@@ -54,6 +56,8 @@ def step_criteria(system: control.StateSpace | control.TransferFunction) -> Step
 
     Source: Ogata (2010), Modern Control Engineering, 5th ed., sec. 5-3.
     """
+    from scipy import optimize
+
     a, b, c, d = state_space(system)
     poles = np.linalg.eigvals(a)
     if poles.size and float(poles.real.max()) >= 0.0:
@@ -67,7 +71,7 @@ def step_criteria(system: control.StateSpace | control.TransferFunction) -> Step
 
     def response(t: float) -> float:
         """Share of the final value: 1 - C exp(A t) x_rest / final."""
-        return 1.0 - float(c @ linalg.expm(a * t) @ rest) / last
+        return 1.0 - float(c @ exponential(a * t) @ rest) / last
 
     length = _DECAYS / float(-poles.real.max())
     turns = length * float(np.abs(poles.imag).max()) / (2.0 * np.pi)
@@ -98,7 +102,7 @@ def _along(
     a: FloatArray, c: FloatArray, rest: FloatArray, last: float, grid: FloatArray
 ) -> FloatArray:
     """The response on an even grid."""
-    move = linalg.expm(a * grid[1])
+    move = exponential(a * grid[1])
     state, values = rest.copy(), np.empty(grid.size)
     for k in range(grid.size):
         values[k] = 1.0 - float(c @ state) / last
@@ -117,6 +121,8 @@ def _first(
 
 def _crossing(function: Callable[[float], float], grid: FloatArray, k: int) -> float:
     """The root between grid points k and k + 1."""
+    from scipy import optimize
+
     if k + 1 >= grid.size or function(grid[k]) * function(grid[k + 1]) > 0.0:
         return float(grid[k])
     return float(optimize.brentq(function, grid[k], grid[k + 1], xtol=1e-12 * float(grid[-1])))

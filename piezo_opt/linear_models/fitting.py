@@ -18,7 +18,6 @@ from piezo_opt.linear_models.responses import Prepared, Scale
 from piezo_opt.linear_models.starting import best_from, chains, lengthened
 from piezo_opt.linear_models.transfer import TransferFit, predicted, result
 from piezo_opt.measurement import Between, Campaign, Measurement
-from piezo_opt.units import show
 
 Records = Measurement | Iterable[Measurement] | Campaign
 
@@ -56,20 +55,21 @@ def fit_transfer(
     Source: Golub & Pereyra (2003), Inverse Problems 19, R1-R26; Ljung (1999), ch. 4 and 7.
     """
     question = LinearQuestion(records, poles, zeros, stable=stable, start=start, detrend=detrend)
-    return _Fitter(question).fit(question.poles, question.zeros)
+    return _Fitter(question, [(question.poles, question.zeros)]).fit(question.poles, question.zeros)
 
 
 @final
 class _Fitter:
     """One question's records, prepared once, and what was found for each order."""
 
-    def __init__(self, question: LinearQuestion) -> None:
+    def __init__(self, question: LinearQuestion, orders: Iterable[tuple[int, int]]) -> None:
         self._question = question
         self._scale = Scale.of(question)
         self._records = tuple(
             Prepared.of(one, question, self._scale) for one in question.records.records
         )
-        self._chains = chains(question, self._records, question.poles)
+        needed = {k for n, m in orders for k in range(min(m + 1, n), n + 1)}
+        self._chains = chains(question, self._records, needed)
         self._found: dict[tuple[int, int], Poles] = {}
 
     def fit(self, poles: int, zeros: int) -> TransferFit:
@@ -196,7 +196,7 @@ def search_orders(
         raise InputError("no order is left to try: give numbers of zeros up to those of poles")
     most = max(n for n, _ in asked)
     question = LinearQuestion(records, most, most - 1, stable=stable, start=start, detrend=detrend)
-    fitter = _Fitter(question)
+    fitter = _Fitter(question, asked)
     rows = []
     for n, m in asked:
         fit = fitter.fit(n, m)
@@ -205,12 +205,3 @@ def search_orders(
             judged = measure(predicted(fit, test), 0, held_out=True)
         rows.append(OrderRow(fit, judged))
     return OrderSearch(tuple(rows))
-
-
-def sentence(fit: TransferFit) -> str:
-    """One line: order, fit and rms."""
-    unit = fit.question.records.records[0].position_unit
-    return (
-        f"{fit.question.poles} poles, {fit.question.zeros} zeros: fit "
-        f"{fit.metrics.fit_percent:.2f} %, {show(fit.metrics.rms, unit)} rms"
-    )

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import TYPE_CHECKING, Any, Final, final
 
-import control
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +15,9 @@ from piezo_opt.measurement import Campaign, FloatArray, Measurement
 from piezo_opt.measurement.arrays import BoolArray
 from piezo_opt.measurement.periods import by_period
 from piezo_opt.units import show
+
+if TYPE_CHECKING:
+    import control
 
 SCHEMA: Final = "piezo_opt.frequency_response/1"
 _EXCITED: Final = 1e-2
@@ -63,6 +65,8 @@ class FrequencyResponse:
     @property
     def data(self) -> control.FrequencyResponseData:
         """For python-control."""
+        import control
+
         return control.frd(self.response, 2.0 * np.pi * self.frequency)
 
     @property

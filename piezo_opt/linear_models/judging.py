@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
-import control
 import numpy as np
 
 from piezo_opt.comparison import Misfit
@@ -13,6 +13,9 @@ from piezo_opt.identification import Start
 from piezo_opt.linear_models.question import Detrend, LinearQuestion
 from piezo_opt.linear_models.responses import Prepared, Scale
 from piezo_opt.measurement import Campaign, FloatArray, Measurement
+
+if TYPE_CHECKING:
+    import control
 
 
 def state_space(
@@ -29,7 +32,7 @@ def state_space(
         raise InputError(
             f"one drive and one reading are needed, not {system.ninputs} and {system.noutputs}"
         )
-    if isinstance(system, control.TransferFunction):
+    if hasattr(system, "num"):
         falling = np.trim_zeros(np.ravel(system.num[0][0]), "f")
         below = np.trim_zeros(np.ravel(system.den[0][0]), "f")
         if falling.size > below.size:

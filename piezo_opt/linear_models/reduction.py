@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias, final
+from typing import TYPE_CHECKING, TypeAlias, final
 
-import control
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
 from piezo_opt.errors import InputError
 from piezo_opt.linear_models.criteria import step_criteria
 from piezo_opt.linear_models.judging import state_space
 from piezo_opt.measurement import FloatArray
 
-System: TypeAlias = control.StateSpace | control.TransferFunction
+if TYPE_CHECKING:
+    import control
+
+    System: TypeAlias = control.StateSpace | control.TransferFunction
 
 
 @final
@@ -51,6 +52,9 @@ def truncate(system: System, order: int, *, keep_gain: bool = False) -> Reduced:
     Source: Moore (1981), IEEE Trans. Autom. Control 26, 17-32; Liu & Anderson (1989), Int. J.
     Control 50, 1379-1405 (the gain kept).
     """
+    import control
+    from scipy import linalg
+
     a, b, c, d = state_space(system)
     n = a.shape[0]
     if not 1 <= order <= n:
@@ -107,6 +111,8 @@ class SecondOrderShape:
     @property
     def system(self) -> control.TransferFunction:
         """For python-control."""
+        import control
+
         w = self.omega
         return control.tf(
             [self.gain * w**2], [1.0, 2.0 * self.zeta * w, w**2], inputs="drive", outputs="reading"

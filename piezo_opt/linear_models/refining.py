@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Final, final
 
 import numpy as np
-from scipy import optimize
 
 from piezo_opt.linear_models.cascade import Cascade
 from piezo_opt.linear_models.question import LinearQuestion
@@ -18,6 +17,8 @@ FASTEST: Final = 10.0
 only that it is fast."""
 SLOWEST: Final = 0.01
 """A pole may turn by so many times 2 pi over the longest record; a slower one is a drift."""
+GROWTH: Final = 50.0
+"""An unstable pole grows by at most e^50 over the longest record; beyond, only it is seen."""
 _TOLERANCE: Final = 1e-11
 _PATIENCE: Final = 80
 
@@ -48,13 +49,19 @@ def limits(question: LinearQuestion) -> tuple[float, float]:
 
 
 def bounds(question: LinearQuestion, cascade: Cascade) -> tuple[FloatArray, FloatArray]:
-    """(n,) lower and upper bounds of p; none where poles need not be stable."""
+    """(n,) lower and upper bounds of p."""
     n = cascade.order
-    if not cascade.stable:
-        return np.full(n, -np.inf), np.full(n, np.inf)
     slow, fast = limits(question)
     low, high = np.zeros(n), np.zeros(n)
     at = 0
+    if not cascade.stable:
+        growth = GROWTH / max(one.duration for one in question.records.records)
+        for order, rate in zip(cascade.orders, cascade.rates, strict=True):
+            low[at], high[at] = -((growth / rate) ** order), (fast / rate) ** order
+            if order == 2:
+                low[at + 1], high[at + 1] = -2.0 * growth / rate, 2.0 * fast / rate
+            at += order
+        return low, high
     for order, rate in zip(cascade.orders, cascade.rates, strict=True):
         low[at], high[at] = order * np.log(slow / rate), order * np.log(fast / rate)
         if order == 2:
@@ -76,6 +83,8 @@ def refined(
 
     Source: Branch, Coleman & Li (1999), SIAM J. Sci. Comput. 21, 1-23.
     """
+    from scipy import optimize
+
     kept: dict[bytes, Point] = {}
 
     def at(x: FloatArray) -> Point:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final, final
 
@@ -44,19 +45,21 @@ class _Trial:
 
 
 def chains(
-    question: LinearQuestion, records: tuple[Prepared, ...], most: int
+    question: LinearQuestion, records: tuple[Prepared, ...], orders: Iterable[int]
 ) -> dict[int, list[Poles]]:
-    """For each order up to ``most`` the best chains found, best first, with n - 1 zeros.
+    """For each of these orders the best chains found, best first, with n - 1 zeros.
 
     Even orders grow by sections of second order; an odd one is the even one below it and a first
     order section.
     """
     rows = _rows(records)
+    most = max(orders)
+    needed = {*orders, *range(2, most + 1, 2)}
     pairs = _trials(question, records, rows, 2) if most > 1 else []
-    lone = _trials(question, records, rows, 1)
+    lone = _trials(question, records, rows, 1) if any(n % 2 for n in needed) else []
     found: dict[int, list[Poles]] = {}
     empty = Cascade((), np.zeros(0), question.stable)
-    for n in range(1, most + 1):
+    for n in sorted(needed):
         order = 2 if n % 2 == 0 else 1
         below: list[Poles | None] = [*found[n - order]] if n > order else [None]
         asked = question.with_order(n, n - 1)

@@ -9,7 +9,6 @@ from typing import Final, final
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
-from scipy import linalg, signal
 
 from piezo_opt.measurement import Between, FloatArray, Measurement
 
@@ -54,6 +53,8 @@ class Steps:
             clock = np.full(len(record) - 1, record.step)
         if record.between is not Between.BANDLIMITED:
             return Steps(clock, values, record.between is Between.HELD)
+        from scipy import signal
+
         # A straight line taken out keeps the ends of an aperiodic drive from ringing.
         n = len(record)
         ramp = np.linspace(values[0], values[-1], n)
@@ -195,6 +196,8 @@ def _interpolated(
 
 def _filtered(transition: FloatArray, forced: FloatArray, start: FloatArray) -> FloatArray:
     """Even steps: first-order recursions along a complex Schur form, from its last row up."""
+    from scipy import linalg, signal
+
     n = transition.shape[0]
     triangle, basis = linalg.schur(transition, output="complex")
     inputs: NDArray[np.complex128] = basis.conj().T @ forced

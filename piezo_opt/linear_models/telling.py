@@ -17,7 +17,8 @@ def told(fit: TransferFit) -> str:
     drive = {"held": "held between samples", "linear": "straight between samples",
              "bandlimited": "band-limited"}[record.between.value]  # fmt: skip
     lines = [
-        f"{fit.question.poles} poles, {fit.question.zeros} zeros; the drive is taken as {drive}, "
+        f"{counted(fit.question.poles, 'pole')}, {counted(fit.question.zeros, 'zero')}; the drive "
+        f"is taken as {drive}, "
         f"the start {'estimated' if fit.question.start.value == 'free' else 'at rest'}.",
         "",
         f"  G(s) = ({_written(fit.numerator)})",
@@ -36,6 +37,11 @@ def told(fit: TransferFit) -> str:
     )
     lines += [f"\n! {sentence}" for sentence in fit.remarks]
     return "\n".join(lines)
+
+
+def counted(number: int, word: str) -> str:
+    """``"1 zero"``, ``"2 zeros"``."""
+    return f"{number} {word}{'' if number == 1 else 's'}"
 
 
 def _roots(word: str, roots: ComplexArray, sigma: FloatArray, wide: float) -> list[str]:

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Final, final
+from typing import TYPE_CHECKING, Any, Final, final
 
-import control
 import numpy as np
 from numpy.polynomial import polynomial
-from scipy import stats
 
 from piezo_opt.comparison import Metrics, Misfit, Whiteness, whiteness
 from piezo_opt.comparison.metrics import measure
@@ -22,6 +20,9 @@ from piezo_opt.linear_models.remarks import remarks
 from piezo_opt.linear_models.responses import Prepared, Scale, columns
 from piezo_opt.measurement import Campaign, FloatArray, Measurement
 from piezo_opt.units import show
+
+if TYPE_CHECKING:
+    import control
 
 SCHEMA: Final = "piezo_opt.linear_model/1"
 _STEP: Final = 1e-40
@@ -57,6 +58,8 @@ class TransferFit:
     @cached_property
     def transfer(self) -> control.TransferFunction:
         """The model for python-control, drive [V] to reading [m]."""
+        import control
+
         return control.tf(self.numerator, self.denominator, inputs="drive", outputs="reading")
 
     @cached_property
@@ -256,8 +259,10 @@ def _root_sigma(
 
 def half_width(fit: TransferFit) -> float:
     """Standard deviations of a 95 % interval with the fit's degrees of freedom."""
+    from scipy import special
+
     freedom = max(1, fit.metrics.samples - fit.question.unknowns)
-    return float(stats.t.ppf(0.975, freedom))
+    return float(special.stdtrit(freedom, 0.975))
 
 
 def headline(fit: TransferFit) -> Mapping[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from piezo_opt.linear_models import FrequencyResponse, OrderSearch, TransferFit
+from piezo_opt.linear_models.telling import counted
 from piezo_opt.linear_models.transfer import headline
 from piezo_opt.report import figures, linear_figures
 from piezo_opt.report.chapters import chapter, records_of
@@ -25,7 +26,10 @@ def _transfer(fit: TransferFit) -> list[Block]:
     question, numbers = fit.question, headline(fit)
     stable = bool((fit.poles.real < 0.0).all())
     blocks: list[Block] = [
-        Heading(f"Transfer function: {question.poles} poles, {question.zeros} zeros"),
+        Heading(
+            f"Transfer function: {counted(question.poles, 'pole')}, "
+            f"{counted(question.zeros, 'zero')}"
+        ),
         Lead(
             f"Fit {numbers['fit']}, {numbers['rms']} rms. {fit.whiteness[0].sentence}",
             good=all(one.white for one in fit.whiteness),
@@ -74,8 +78,8 @@ def _orders(search: OrderSearch) -> list[Block]:
     return [
         Heading("Orders"),
         Lead(
-            f"{best.poles} poles and {best.zeros} zeros: the smallest order that predicts as well "
-            f"as the best one, judged {judged}."
+            f"{counted(best.poles, 'pole')} and {counted(best.zeros, 'zero')}: the smallest order "
+            f"that predicts as well as the best one, judged {judged}."
         ),
         Table(tuple(columns)),
         Picture(linear_figures.orders(search), "Errors of the orders tried."),
