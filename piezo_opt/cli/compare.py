@@ -10,12 +10,14 @@ import typer
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.choices import TranscriptionName
-from piezo_opt.cli.inputs import DEFAULT, Reading, asked, parted
+from piezo_opt.cli.groups import grouped
+from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
 from piezo_opt.cli.solving import Solving, leave
 from piezo_opt.comparison import compare as side_by_side
 from piezo_opt.errors import InputError
 
 
+@grouped
 def compare(
     records: o.Records,
     model: Annotated[
@@ -30,13 +32,7 @@ def compare(
     ] = None,
     json: o.Json = None,
     report: o.Page = None,
-    time: o.Time = None,
-    drive: o.Drive = None,
-    position: o.Position = None,
-    record: o.RecordName = None,
-    between: o.BetweenSamples = None,
-    period: o.Period = None,
-    startup: o.Startup = None,
+    reading: Reading = AS_WRITTEN,
     split: o.Split = None,
     start: o.StartState = None,
     solver: o.Solver = None,
@@ -54,7 +50,6 @@ def compare(
     if test and split is not None:
         raise InputError("--test and --split both say what to compare on: give one of them")
     outputs.check({"--json": json, "--report": report}, overwrite=overwrite)
-    reading = Reading(time, drive, position, record, between, period, startup)
     train, held_out = parted(reading.records(records), split)
     if test:
         held_out = reading.records(test)

@@ -12,7 +12,8 @@ from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.candidates import Candidates, read_candidates
 from piezo_opt.cli.choices import TranscriptionName
-from piezo_opt.cli.inputs import DEFAULT, Reading, asked, parted
+from piezo_opt.cli.groups import grouped
+from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
 from piezo_opt.cli.solving import INTERRUPTED, Solving, exit_code, leave
 from piezo_opt.cli.telling import telling
 from piezo_opt.diagnosis import Diagnosis, Stopped
@@ -25,6 +26,7 @@ from piezo_opt.measurement import Campaign, Measurement
 from piezo_opt.units import quantity
 
 
+@grouped
 def diagnose(
     records: o.Records,
     model: o.ModelPath = DEFAULT,
@@ -67,13 +69,7 @@ def diagnose(
         Path | None,
         typer.Option(metavar="DIR", help="Write the drives worth playing next here, as CSV."),
     ] = None,
-    time: o.Time = None,
-    drive: o.Drive = None,
-    position: o.Position = None,
-    record: o.RecordName = None,
-    between: o.BetweenSamples = None,
-    period: o.Period = None,
-    startup: o.Startup = None,
+    reading: Reading = AS_WRITTEN,
     split: o.Split = None,
     start: o.StartState = None,
     solver: o.Solver = None,
@@ -105,7 +101,6 @@ def diagnose(
         effect(name)
     seconds = None if max_time is None else quantity(max_time, "s")
     own = Candidates() if candidates is None else read_candidates(candidates)
-    reading = Reading(time, drive, position, record, between, period, startup)
     train, later = parted(reading.records(records), split)
     held_out = _judge(later) if test is None else reading.single(test)
     question, remarks = asked(model, train, start)

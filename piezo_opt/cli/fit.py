@@ -6,33 +6,23 @@ import typer
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
-from piezo_opt.cli.choices import TranscriptionName
-from piezo_opt.cli.inputs import DEFAULT, Reading, asked, parted
-from piezo_opt.cli.solving import Solving, leave
+from piezo_opt.cli.groups import grouped
+from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
+from piezo_opt.cli.solving import AS_USUAL, Solving, leave
 from piezo_opt.comparison import compare
 from piezo_opt.identification import Ending
 
 
+@grouped
 def fit(
     records: o.Records,
     model: o.ModelPath = DEFAULT,
     json: o.Json = None,
     report: o.Page = None,
-    time: o.Time = None,
-    drive: o.Drive = None,
-    position: o.Position = None,
-    record: o.RecordName = None,
-    between: o.BetweenSamples = None,
-    period: o.Period = None,
-    startup: o.Startup = None,
+    reading: Reading = AS_WRITTEN,
     split: o.Split = None,
     start: o.StartState = None,
-    solver: o.Solver = None,
-    transcription: o.Transcription = TranscriptionName.SINGLE,
-    starts: o.Starts = 1,
-    seed: o.Seed = 0,
-    log: o.Log = None,
-    workers: o.Workers = 1,
+    how: Solving = AS_USUAL,
     intervals: o.Intervals = None,
     replicates: o.Replicates = 200,
     overwrite: o.Overwrite = False,
@@ -52,16 +42,22 @@ def fit(
     Ctrl-C prints the best so far and exits with 130.
     """
     outputs.check({"--json": json, "--report": report}, overwrite=overwrite)
-    reading = Reading(time, drive, position, record, between, period, startup)
     train, test = parted(reading.records(records), split)
     question, remarks = asked(model, train, start)
-    answer = Solving(solver, transcription, starts, seed, log, workers).fit(question, remarks)
+    answer = how.fit(question, remarks)
     comparison = compare(answer, on=test)
     sure = None
     if intervals is not None and answer.outcome.ending is not Ending.INTERRUPTED:
         from piezo_opt.cli.intervals import intervals as found
 
-        sure = found(answer, intervals, replicates=replicates, seed=seed, workers=workers, log=log)
+        sure = found(
+            answer,
+            intervals,
+            replicates=replicates,
+            seed=how.seed,
+            workers=how.workers,
+            log=how.log,
+        )
     if json is not None:
         data = answer.to_dict()
         if sure is not None:

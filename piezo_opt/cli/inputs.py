@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import final
+from typing import Final, final
 
+from piezo_opt.cli import options as o
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Identification, Start, default_model
-from piezo_opt.measurement import Between, Campaign, Measurement
+from piezo_opt.measurement import Campaign, Measurement
 from piezo_opt.modelfile import ModelFile, read_model
 from piezo_opt.readers import read, read_campaign
 
@@ -19,15 +20,21 @@ DEFAULT = "default"
 @final
 @dataclass(frozen=True)
 class Reading:
-    """How records are read; None leaves it to the file."""
+    """How records are read: options of every command that reads one; None leaves it to the file."""
 
-    time: str | None = None
-    drive: str | None = None
-    position: str | None = None
-    record: str | None = None
-    between: Between | None = None
-    period: str | None = None
-    startup: str | None = None
+    time: o.Time = None
+    drive: o.Drive = None
+    position: o.Position = None
+    record: o.RecordName = None
+    between: o.BetweenSamples = None
+    period: o.Period = None
+    startup: o.Startup = None
+    rate: o.Rate = None
+    trim: o.Trim = None
+    every: o.Every = 1
+    gain: o.Gain = None
+    scale: o.Scale = None
+    decimal: o.Decimal = None
 
     def records(self, paths: Sequence[Path]) -> Campaign:
         """Every record of these files; of a file with several records all, or the one named."""
@@ -44,12 +51,22 @@ class Reading:
             between=self.between,
             period=self.period,
             startup=self.startup,
+            rate=self.rate,
+            trim=self.trim,
+            every=self.every,
+            gain=self.gain,
+            scale=self.scale,
+            decimal=self.decimal,
         )
 
     def _one(self, path: Path) -> Iterable[Measurement]:
         if self == Reading():
             return read_campaign(path)
         return (self.single(path),)
+
+
+AS_WRITTEN: Final = Reading()
+"""What the file says and shows."""
 
 
 def parted(records: Campaign, at: str | None) -> tuple[Campaign, Campaign | None]:

@@ -25,14 +25,16 @@ ModelPath: TypeAlias = Annotated[
         help="Model file, JSON of an earlier fit, or 'default': what the record can see.",
     ),
 ]
-Time: TypeAlias = Annotated[str | None, typer.Option(metavar="COL", help="Column of time.")]
+Time: TypeAlias = Annotated[
+    str | None, typer.Option(metavar="COL", help="Column of time: 't', '1 [s]'.")
+]
 Drive: TypeAlias = Annotated[
     str | None,
-    typer.Option(metavar="COL", help="Column of the drive, 'u [V]'."),
+    typer.Option(metavar="COL", help="Column of the drive: 'u', 'u [V]', '2 [V]'."),
 ]
 Position: TypeAlias = Annotated[
     str | None,
-    typer.Option(metavar="COL", help="Column of the position, 'y [um]'."),
+    typer.Option(metavar="COL", help="Column of the position: 'y', 'y [um]', '3 [um]'."),
 ]
 RecordName: TypeAlias = Annotated[
     str | None,
@@ -46,6 +48,30 @@ Period: TypeAlias = Annotated[
 ]
 Startup: TypeAlias = Annotated[
     str | None, typer.Option(metavar="'40 ms'", help="Beginning that errors are not counted on.")
+]
+Rate: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="'1 kHz'",
+        help="Sampling rate, where the clock is missing or wrong, or 'even'.",
+    ),
+]
+Trim: TypeAlias = Annotated[
+    str | None, typer.Option(metavar="'2 s:8 s'", help="Keep this stretch; an end may be left out.")
+]
+Every: TypeAlias = Annotated[
+    int, typer.Option(min=1, metavar="N", help="Keep every N-th sample, after a low-pass filter.")
+]
+Gain: TypeAlias = Annotated[
+    str | None,
+    typer.Option(metavar="15", help="Of the amplifier, when the drive was recorded before it."),
+]
+Scale: TypeAlias = Annotated[
+    str | None,
+    typer.Option(metavar="'2.5 um/V'", help="Of the sensor, when its reading is in volts."),
+]
+Decimal: TypeAlias = Annotated[
+    str | None, typer.Option(metavar="','", help="Sign of decimals in a text file: ',' or '.'.")
 ]
 Split: TypeAlias = Annotated[
     str | None,

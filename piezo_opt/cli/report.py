@@ -9,32 +9,22 @@ import typer
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
-from piezo_opt.cli.choices import TranscriptionName
-from piezo_opt.cli.inputs import DEFAULT, Reading, asked, parted
-from piezo_opt.cli.solving import Solving, leave
+from piezo_opt.cli.groups import grouped
+from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
+from piezo_opt.cli.solving import AS_USUAL, Solving, leave
 from piezo_opt.comparison import compare
 
 
+@grouped
 def report(
     records: o.Records,
     out: Annotated[Path, typer.Option("--out", metavar="OUT.html", help="The page to write.")],
     model: o.ModelPath = DEFAULT,
     title: Annotated[str | None, typer.Option(help="Title of the page.")] = None,
-    time: o.Time = None,
-    drive: o.Drive = None,
-    position: o.Position = None,
-    record: o.RecordName = None,
-    between: o.BetweenSamples = None,
-    period: o.Period = None,
-    startup: o.Startup = None,
+    reading: Reading = AS_WRITTEN,
     split: o.Split = None,
     start: o.StartState = None,
-    solver: o.Solver = None,
-    transcription: o.Transcription = TranscriptionName.SINGLE,
-    starts: o.Starts = 1,
-    seed: o.Seed = 0,
-    log: o.Log = None,
-    workers: o.Workers = 1,
+    how: Solving = AS_USUAL,
     overwrite: o.Overwrite = False,
 ) -> None:
     """Fit a model and write one self-contained HTML page about it.
@@ -47,10 +37,9 @@ def report(
     from piezo_opt.report import write_report
 
     outputs.check({"--out": out}, overwrite=overwrite)
-    reading = Reading(time, drive, position, record, between, period, startup)
     train, test = parted(reading.records(records), split)
     question, remarks = asked(model, train, start)
-    answer = Solving(solver, transcription, starts, seed, log, workers).fit(question, remarks)
+    answer = how.fit(question, remarks)
     results = (answer,) if test is None else (answer, compare(answer, on=test))
     write_report(out, *results, title=title, overwrite=overwrite)
     typer.echo(f"{answer.outcome.sentence}\nReport: {out.resolve()}")

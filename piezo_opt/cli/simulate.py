@@ -10,7 +10,8 @@ import typer
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
-from piezo_opt.cli.inputs import Reading, model_file
+from piezo_opt.cli.groups import grouped
+from piezo_opt.cli.inputs import AS_WRITTEN, Reading, model_file
 from piezo_opt.comparison.metrics import fit_percent, rms
 from piezo_opt.readers import write
 from piezo_opt.simulation import Initial
@@ -25,19 +26,14 @@ class Beginning(Enum):
     PERIODIC = "periodic"
 
 
+@grouped
 def simulate(
     source: o.Record,
     model: Annotated[
         str, typer.Option(metavar="MODEL.toml", help="Model file, or the JSON of a fit.")
     ],
     out: Annotated[Path, typer.Option(metavar="OUT.csv", help="Record to write: .csv or .h5.")],
-    time: o.Time = None,
-    drive: o.Drive = None,
-    position: o.Position = None,
-    record: o.RecordName = None,
-    between: o.BetweenSamples = None,
-    period: o.Period = None,
-    startup: o.Startup = None,
+    reading: Reading = AS_WRITTEN,
     start: Annotated[
         Beginning, typer.Option(help="States at the beginning, plus those the model file gives.")
     ] = Beginning.REST,
@@ -54,7 +50,6 @@ def simulate(
     """
     outputs.check({"--out": out}, overwrite=overwrite)
     file = model_file(model)
-    reading = Reading(time, drive, position, record, between, period, startup)
     measured = reading.single(source)
     response = respond(
         file.model, measured, file.numbers.of_record(0), initial=Initial(start.value)

@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import final
+from typing import Final, final
 
 import typer
 
 from piezo_opt.cli import choices
-from piezo_opt.cli.choices import SolverName, TranscriptionName
+from piezo_opt.cli import options as o
+from piezo_opt.cli.choices import TranscriptionName
 from piezo_opt.cli.telling import telling
 from piezo_opt.identification import Ending, Fit, Identification, Progress, solve
 from piezo_opt.spread import deaf
@@ -26,14 +26,14 @@ INTERRUPTED = 130
 @final
 @dataclass(frozen=True)
 class Solving:
-    """How a question is solved."""
+    """How a question is solved: options of the commands that make one fit."""
 
-    solver: SolverName | None = None
-    transcription: TranscriptionName = TranscriptionName.SINGLE
-    starts: int = 1
-    seed: int = 0
-    log: Path | None = None
-    workers: int = 1
+    solver: o.Solver = None
+    transcription: o.Transcription = TranscriptionName.SINGLE
+    starts: o.Starts = 1
+    seed: o.Seed = 0
+    log: o.Log = None
+    workers: o.Workers = 1
 
     def fit(self, question: Identification, remarks: tuple[str, ...], what: str = "Fit") -> Fit:
         """Solve, showing how far it is on a terminal; the remarks join those of the fit."""
@@ -49,6 +49,10 @@ class Solving:
                 progress=_counted(tell),
             )
         return replace(answer, remarks=(*remarks, *answer.remarks))
+
+
+AS_USUAL: Final = Solving()
+"""One start, with the solver that suits."""
 
 
 def exit_code(fit: Fit) -> int:
