@@ -21,6 +21,7 @@ from piezo_opt.cli.fem import fem
 from piezo_opt.cli.fit import fit
 from piezo_opt.cli.linear import linear
 from piezo_opt.cli.report import report
+from piezo_opt.cli.signal import signal
 from piezo_opt.cli.simulate import simulate
 from piezo_opt.cli.solving import INTERRUPTED
 from piezo_opt.errors import PiezoOptError
@@ -106,6 +107,7 @@ for command in (demo, fit, diagnose, simulate, compare, report, linear):
 app.add_typer(bench)
 app.add_typer(export)
 app.add_typer(fem)
+app.add_typer(signal)
 
 
 def main() -> None:

@@ -1,0 +1,28 @@
+"""Drives to play: made by rule, kept to limits, or found for a question.
+
+What is measured decides what can be known: signals that show loops, minor loops, creep, resonances
+and distortion, and the best drive for given parameters or between given models.
+"""
+
+from piezo_opt.signals.arduino import Output, write_arduino
+from piezo_opt.signals.drive import Drive
+from piezo_opt.signals.limits import DriveLimits, predicted, within
+from piezo_opt.signals.loops import decaying_triangles, square, staircase, triangle
+from piezo_opt.signals.tones import Lines, Phases, chirp, multisine
+
+__all__ = [
+    "Drive",
+    "DriveLimits",
+    "Lines",
+    "Output",
+    "Phases",
+    "chirp",
+    "decaying_triangles",
+    "multisine",
+    "predicted",
+    "square",
+    "staircase",
+    "triangle",
+    "within",
+    "write_arduino",
+]
