@@ -51,7 +51,7 @@ if TYPE_CHECKING:
         frequency_response,
         search_orders,
     )
-    from piezo_opt.measurement import Between, Campaign, Measurement
+    from piezo_opt.measurement import Between, Campaign, Check, Measurement, check
     from piezo_opt.readers import read, read_campaign, write
     from piezo_opt.report import write_report
     from piezo_opt.simulation import Initial, Response, simulate
@@ -64,6 +64,7 @@ __all__ = [
     "Between",
     "Bootstrap",
     "Campaign",
+    "Check",
     "CmaEs",
     "Collocation",
     "Comparison",
@@ -97,6 +98,7 @@ __all__ = [
     "TransferFit",
     "Values",
     "bootstrap",
+    "check",
     "compare",
     "default_model",
     "diagnose",
@@ -136,7 +138,7 @@ _ROOMS: Final = {
         "priors_from profile_likelihood save_fit solve "
     ),
     "linear_models": "Detrend TransferFit fit_transfer frequency_response search_orders",
-    "measurement": "Between Campaign Measurement",
+    "measurement": "Between Campaign Check Measurement check",
     "readers": "read read_campaign write",
     "report": "write_report",
     "simulation": "Initial Response simulate",

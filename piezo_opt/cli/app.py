@@ -13,6 +13,7 @@ from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 from piezo_opt.cli.bench import bench
+from piezo_opt.cli.check import check
 from piezo_opt.cli.compare import compare
 from piezo_opt.cli.demo import demo
 from piezo_opt.cli.diagnose import diagnose
@@ -102,7 +103,7 @@ def _options(
     pass
 
 
-for command in (demo, fit, diagnose, simulate, compare, report, linear):
+for command in (demo, check, fit, diagnose, simulate, compare, report, linear):
     app.command()(command)
 app.add_typer(bench)
 app.add_typer(export)

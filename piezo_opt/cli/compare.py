@@ -9,12 +9,14 @@ import typer
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.checking import UNANSWERED, Checking
 from piezo_opt.cli.choices import TranscriptionName
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
 from piezo_opt.cli.solving import Solving, leave
 from piezo_opt.comparison import compare as side_by_side
 from piezo_opt.errors import InputError
+from piezo_opt.measurement import Campaign
 
 
 @grouped
@@ -33,6 +35,7 @@ def compare(
     json: o.Json = None,
     report: o.Page = None,
     reading: Reading = AS_WRITTEN,
+    checking: Checking = UNANSWERED,
     split: o.Split = None,
     start: o.StartState = None,
     solver: o.Solver = None,
@@ -50,9 +53,9 @@ def compare(
     if test and split is not None:
         raise InputError("--test and --split both say what to compare on: give one of them")
     outputs.check({"--json": json, "--report": report}, overwrite=overwrite)
-    train, held_out = parted(reading.records(records), split)
+    train, held_out = parted(checking.records(reading.records(records)), split)
     if test:
-        held_out = reading.records(test)
+        held_out = Campaign(tuple(map(checking.judging, reading.records(test))))
     chosen = model or [DEFAULT]
     # All files are read before the first fit: a typing error in the last one costs no waiting.
     questions = [asked(one, train, start) for one in chosen]

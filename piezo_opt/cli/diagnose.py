@@ -11,6 +11,7 @@ import typer
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.candidates import Candidates, read_candidates
+from piezo_opt.cli.checking import UNANSWERED, Checking
 from piezo_opt.cli.choices import TranscriptionName
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
@@ -70,6 +71,7 @@ def diagnose(
         typer.Option(metavar="DIR", help="Write the drives worth playing next here, as CSV."),
     ] = None,
     reading: Reading = AS_WRITTEN,
+    checking: Checking = UNANSWERED,
     split: o.Split = None,
     start: o.StartState = None,
     solver: o.Solver = None,
@@ -101,8 +103,8 @@ def diagnose(
         effect(name)
     seconds = None if max_time is None else quantity(max_time, "s")
     own = Candidates() if candidates is None else read_candidates(candidates)
-    train, later = parted(reading.records(records), split)
-    held_out = _judge(later) if test is None else reading.single(test)
+    train, later = parted(checking.records(reading.records(records)), split)
+    held_out = _judge(later) if test is None else checking.judging(reading.single(test))
     question, remarks = asked(model, train, start)
     question = _overruled(question, add or (), without or ())
     baseline = Solving(solver, transcription).fit(question, remarks, "Base model")

@@ -6,6 +6,7 @@ import typer
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.checking import UNANSWERED, Checking
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
 from piezo_opt.cli.solving import AS_USUAL, Solving, leave
@@ -20,6 +21,7 @@ def fit(
     json: o.Json = None,
     report: o.Page = None,
     reading: Reading = AS_WRITTEN,
+    checking: Checking = UNANSWERED,
     split: o.Split = None,
     start: o.StartState = None,
     how: Solving = AS_USUAL,
@@ -42,7 +44,7 @@ def fit(
     Ctrl-C prints the best so far and exits with 130.
     """
     outputs.check({"--json": json, "--report": report}, overwrite=overwrite)
-    train, test = parted(reading.records(records), split)
+    train, test = parted(checking.records(reading.records(records)), split)
     question, remarks = asked(model, train, start)
     answer = how.fit(question, remarks)
     comparison = compare(answer, on=test)

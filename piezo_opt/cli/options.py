@@ -73,6 +73,14 @@ Scale: TypeAlias = Annotated[
 Decimal: TypeAlias = Annotated[
     str | None, typer.Option(metavar="','", help="Sign of decimals in a text file: ',' or '.'.")
 ]
+Accept: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="Take what the check found as it is; repeat for more."),
+]
+Mend: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="Apply the remedy of what the check found; repeat for more."),
+]
 Split: TypeAlias = Annotated[
     str | None,
     typer.Option(metavar="'40 s'", help="Fit before this instant, test after it."),

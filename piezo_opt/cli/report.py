@@ -9,6 +9,7 @@ import typer
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.checking import UNANSWERED, Checking
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
 from piezo_opt.cli.solving import AS_USUAL, Solving, leave
@@ -22,6 +23,7 @@ def report(
     model: o.ModelPath = DEFAULT,
     title: Annotated[str | None, typer.Option(help="Title of the page.")] = None,
     reading: Reading = AS_WRITTEN,
+    checking: Checking = UNANSWERED,
     split: o.Split = None,
     start: o.StartState = None,
     how: Solving = AS_USUAL,
@@ -37,7 +39,7 @@ def report(
     from piezo_opt.report import write_report
 
     outputs.check({"--out": out}, overwrite=overwrite)
-    train, test = parted(reading.records(records), split)
+    train, test = parted(checking.records(reading.records(records)), split)
     question, remarks = asked(model, train, start)
     answer = how.fit(question, remarks)
     results = (answer,) if test is None else (answer, compare(answer, on=test))

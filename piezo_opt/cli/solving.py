@@ -15,7 +15,9 @@ from piezo_opt.cli import choices
 from piezo_opt.cli import options as o
 from piezo_opt.cli.choices import TranscriptionName
 from piezo_opt.cli.telling import telling
+from piezo_opt.errors import InputError
 from piezo_opt.identification import Ending, Fit, Identification, Progress, solve
+from piezo_opt.identification.stuck import explains_nothing
 from piezo_opt.spread import deaf
 from piezo_opt.units import show
 
@@ -61,10 +63,19 @@ def exit_code(fit: Fit) -> int:
 
 
 def leave(fit: Fit) -> None:
-    """End the command with the code that the fit's ending asks for."""
+    """End the command with the code that the fit's ending asks for.
+
+    Raises:
+        InputError: the fit explains nothing.
+    """
     code = exit_code(fit)
     if code:
         raise typer.Exit(code)
+    if explains_nothing(fit):
+        raise InputError(
+            "The fit explains nothing of the reading, a constant does as well: look at the record "
+            "with piezo-opt check."
+        )
 
 
 @contextmanager

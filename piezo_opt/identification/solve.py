@@ -20,7 +20,7 @@ from piezo_opt.identification.result import Fit
 from piezo_opt.identification.solvers.base import Solution
 from piezo_opt.identification.starting import another_start, starting_values, straight_line
 from piezo_opt.identification.statistics import blind_spots, uncertainty
-from piezo_opt.identification.stuck import doubtful, far_above
+from piezo_opt.identification.stuck import doubtful, explains_nothing, far_above
 from piezo_opt.identification.transcription import SingleShooting, Transcription
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
 from piezo_opt.units import show
@@ -225,7 +225,12 @@ def _outcome(solution: Solution, fit: Fit) -> Outcome:
             f"Converged after {max(0, fit.trace.rms.size - 1)} iterations: rms "
             f"{show(fit.rms, 'm')}, fit {fit.fit_percent:.1f} %."
         )
-        if times := far_above(fit):
+        if explains_nothing(fit):
+            sentence += (
+                " It explains nothing of the reading: a constant does as well. Look at the record "
+                "(piezo-opt check) before its values are used."
+            )
+        elif times := far_above(fit):
             sentence += (
                 f" That is {times:.0f} times the noise in its highest frequencies: the model lacks "
                 "something (a diagnosis names it), or this is a wrong minimum (starts=20)."

@@ -44,5 +44,6 @@ def busiest(record: Measurement, samples: int) -> Measurement:
     return record.with_(
         time=record.time[part], drive=record.drive[part], position=record.position[part],
         channels={k: v[part] for k, v in record.channels.items()}, startup=0.0,
+        left_out=record.left_out[part],
         allow_saturated=True,
     )  # fmt: skip

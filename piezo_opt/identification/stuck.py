@@ -42,3 +42,15 @@ def far_above(fit: Fit) -> float:
 def doubtful(fit: Fit) -> bool:
     """Whether other starts are worth a trial: far above the noise, or at a bound."""
     return bool(fit.at_bound) or far_above(fit) > 0.0
+
+
+def explains_nothing(fit: Fit) -> bool:
+    """Whether a fit leaves as much of the reading as a constant does.
+
+    Of N counted samples of noise k unknowns explain R^2 = 1 - |r|^2 / |y - mean y|^2 of k / N on
+    average, with a standard deviation of sqrt(2 k) / N (chi-square). A fit that is not three of
+    those above has found nothing.
+    """
+    k, samples = len(fit.names), max(1, fit.residuals.size)
+    explained = 1.0 - (1.0 - fit.fit_percent / 100.0) ** 2
+    return bool(explained <= (k + 3.0 * np.sqrt(2.0 * k)) / samples)

@@ -31,3 +31,21 @@ def frozen(values: object, channel: str, record: str) -> FloatArray:
         )
     array.flags.writeable = False
     return array
+
+
+def kept_mask(mask: object, size: int, record: str) -> BoolArray:
+    """A read-only copy of a mask (N,) of samples; one that marks nothing fits any length.
+
+    Raises:
+        InputError: it is no mask of that length.
+    """
+    array = np.array(mask)
+    if not array.any():
+        array = np.zeros(size, dtype=np.bool_)
+    if array.dtype != np.bool_ or array.shape != (size,):
+        raise InputError(
+            f"{record}: left_out is {array.dtype} of shape {array.shape}: give one True or False "
+            f"for each of the {size} samples"
+        )
+    array.flags.writeable = False
+    return array

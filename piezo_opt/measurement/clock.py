@@ -10,6 +10,9 @@ import numpy as np
 
 from piezo_opt.measurement.arrays import BoolArray, FloatArray
 
+_NEAR = 5
+"""Stamps before and after a wide interval, whose medians tell whether the clock went on late."""
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -54,9 +57,23 @@ class Clock:
 
     @cached_property
     def gaps(self) -> tuple[tuple[float, float], ...]:
-        """(last instant before, first instant after) [s] of every interval over 1.5 steps."""
-        wide = np.flatnonzero(np.diff(self.time) > 1.5 * self.step)
-        return tuple((float(self.time[i]), float(self.time[i + 1])) for i in wide)
+        """(last instant before, first instant after) [s] of every interval over 1.5 steps.
+
+        Where the next stamps make up for it, nothing was missing: the clock jitters.
+        """
+        intervals = np.diff(self.time)
+        wide = np.flatnonzero(intervals > 1.5 * self.step)
+        if wide.size == 0:
+            return ()
+        late = self.time - self.time[0] - self.step * np.arange(len(self))
+        lasting = [
+            i
+            for i in wide
+            if np.median(late[i + 1 : i + 1 + _NEAR])
+            - np.median(late[max(0, i + 1 - _NEAR) : i + 1])
+            > 0.5 * self.step
+        ]
+        return tuple((float(self.time[i]), float(self.time[i + 1])) for i in lasting)
 
     def after(self, startup: float) -> BoolArray:
         """(N,) mask of the samples from ``startup`` [s] after the first one on."""

@@ -11,7 +11,7 @@ from typing import Any, final
 import numpy as np
 
 from piezo_opt.errors import InputError
-from piezo_opt.measurement.arrays import BoolArray, FloatArray, frozen
+from piezo_opt.measurement.arrays import BoolArray, FloatArray, frozen, kept_mask
 from piezo_opt.measurement.between import Between
 from piezo_opt.measurement.checks import (
     FEWEST_SAMPLES,
@@ -22,9 +22,9 @@ from piezo_opt.measurement.checks import (
     check_unit,
 )
 from piezo_opt.measurement.clock import Clock
+from piezo_opt.measurement.findings import Finding, found
 from piezo_opt.measurement.outliers import outlier_remarks
 from piezo_opt.measurement.periods import by_period, noise_between, repetition, whole_periods
-from piezo_opt.measurement.remarks import aliasing_remarks, gap_remarks, resolution_remarks
 from piezo_opt.measurement.resampling import resampling
 from piezo_opt.measurement.resolution import resolution
 from piezo_opt.units import quantity, show
@@ -48,6 +48,7 @@ class Measurement:
         source: where the record comes from.
         allow_saturated: accept a reading that is stuck at its end while the drive moves on.
         channel_units: SI units of further channels by name, kept for files and pictures.
+        left_out: (N,) mask of readings that are none; they are not counted in errors.
         notes: sentences about what was concluded while reading; the remarks begin with them.
 
     Raises:
@@ -68,6 +69,7 @@ class Measurement:
     source: str = ""
     allow_saturated: bool = False
     channel_units: Mapping[str, str] = field(default_factory=dict)
+    left_out: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -89,9 +91,14 @@ class Measurement:
         units = {name: str(self.channel_units.get(name, "1")) for name in channels}
         object.__setattr__(self, "channel_units", MappingProxyType(units))
         check_signals(self.name, {**signals, **channels})
+        left_out = kept_mask(self.left_out, signals["time"].size, self.name)
+        object.__setattr__(self, "left_out", left_out)
+        object.__setattr__(self, "notes", tuple(self.notes))
         for unit in (self.drive_unit, self.position_unit, *units.values()):
             check_unit(self.name, unit)
         check_startup(self.name, self.clock, self.startup)
+        if not self.counted.any():
+            raise InputError(f"{self.name}: every reading is left out: keep some")
         if self.period is not None:
             check_period(self.name, self.clock, self.drive, self.period)
         if not self.allow_saturated:
@@ -146,8 +153,13 @@ class Measurement:
 
     @cached_property
     def counted(self) -> BoolArray:
-        """(N,) mask of the samples that errors are counted on: those after the start-up."""
-        return self.clock.after(self.startup)
+        """(N,) mask of the samples that errors are counted on: after the start-up, not left out."""
+        after = self.clock.after(self.startup)
+        if not self.left_out.any():
+            return after
+        mask: BoolArray = after & ~self.left_out
+        mask.flags.writeable = False
+        return mask
 
     @property
     def gaps(self) -> tuple[tuple[float, float], ...]:
@@ -180,15 +192,14 @@ class Measurement:
         return repetition(self.drive) if self.uniform else None
 
     @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the record shows about itself: wrong readings, a wrong unit, a wrong clock ..."""
+        return found(self)
+
+    @cached_property
     def remarks(self) -> tuple[str, ...]:
-        """What the sampling hides and what looks wrong, in sentences; empty without flaws."""
-        return (
-            *self.notes,
-            *gap_remarks(self.clock),
-            *resolution_remarks(self.position, self.resolution, self.position_unit),
-            *self.doubts,
-            *aliasing_remarks(self.clock, self.drive, self.between),
-        )
+        """What was concluded of the record and what it shows, in sentences; empty without flaws."""
+        return (*self.notes, *(str(one) for one in self.findings))
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
@@ -236,6 +247,7 @@ class Measurement:
             drive=self.drive[mask],
             position=self.position[mask],
             channels={name: values[mask] for name, values in self.channels.items()},
+            left_out=self.left_out[mask],
             startup=max(0.0, float(self.time[0]) + self.startup - float(time[0])),
             period=self.period if whole else None,
             # A part of an accepted record is not judged again: its end may look stuck.
@@ -295,6 +307,7 @@ class Measurement:
             drive=way.drive(self.drive),
             position=way.other(self.position),
             channels={name: way.other(values) for name, values in self.channels.items()},
+            left_out=np.interp(way.time, self.time, self.left_out.astype(np.float64)) > 0.0,
             between=way.between,
             allow_saturated=True,
         )

@@ -48,9 +48,10 @@ def aliasing_remarks(clock: Clock, drive: FloatArray, between: Between) -> Itera
     jumps = np.flatnonzero(np.abs(np.diff(drive)) > 0.3 * spread) + 1
     if jumps.size >= 3:
         dwell = float(np.median(np.diff(jumps)))
-        # Dwelling between the jumps is what makes it a step drive and not a fast sine.
-        flat = np.count_nonzero(np.abs(np.diff(drive)) <= 0.02 * spread)
-        if dwell <= 8 and flat >= 0.25 * drive.size:
+        # Dwelling between the jumps is what makes it a step drive and not a fast sine, or the
+        # fast end of a sweep.
+        among = np.abs(np.diff(drive[jumps[0] - 1 : jumps[-1] + 1]))
+        if dwell <= 8 and np.mean(among <= 0.02 * spread) >= 0.25:
             yield (
                 f"The drive steps every {dwell:g} samples, so the answer to a step is not "
                 f"sampled: nothing above {show(clock.rate / 2, 'Hz')} can be identified, and a "

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 
+import numpy as np
+
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import FloatArray, Measurement
 from piezo_opt.readers.csv import SIGNATURE
 from piezo_opt.readers.files import replacing
+from piezo_opt.readers.records import LEFT_OUT
 
 
 def write_csv(
@@ -21,6 +24,8 @@ def write_csv(
     }
     for name, values in record.channels.items():
         columns[f"{name} [{record.channel_units[name]}]"] = values
+    if record.left_out.any():
+        columns[f"{LEFT_OUT} [1]"] = record.left_out.astype(np.float64)
     for text in (*columns, record.name, record.source):
         if not text.isprintable():
             raise InputError(f"{path}: {text!r} cannot stand in a line of text: rename it")

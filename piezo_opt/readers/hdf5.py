@@ -8,6 +8,7 @@ The layout that `write_hdf5` writes and `campaign_from_hdf5` reads without loss:
     /record_0000/time       float64 (N,), attribute unit = "s"
     /record_0000/drive      float64 (N,), attribute unit, for example "V"
     /record_0000/position   float64 (N,), attribute unit, for example "m"
+    /record_0000/left_out   float64 (N,), 1 where a reading is none; only where there is such a one
     /record_0000/channels/channel_0000   float64 (N,), attributes name and unit
     /record_0001 ...
 
@@ -108,6 +109,8 @@ def _write_record(group: Any, record: Measurement) -> None:
     group.attrs["allow_saturated"] = np.bool_(record.allow_saturated)
     if record.period is not None:
         group.attrs["period"] = np.float64(record.period)
+    if record.left_out.any():
+        _write_signal(group, "left_out", record.left_out.astype(np.float64), "1")
     _write_signal(group, "time", record.time, "s")
     _write_signal(group, "drive", record.drive, record.drive_unit)
     _write_signal(group, "position", record.position, record.position_unit)
@@ -163,6 +166,8 @@ def _record(file: Path, group: Any) -> Measurement:
             startup=float(attributes["startup"]),
             source=_text(attributes["source"]),
             allow_saturated=bool(attributes["allow_saturated"]),
+            left_out=(_numbers(file, group["left_out"]) if "left_out" in group else np.zeros(0))
+            > 0,
         )
     except InputError as error:
         already = str(error).startswith(str(file))

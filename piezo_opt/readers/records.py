@@ -22,6 +22,10 @@ from piezo_opt.readers.columns import (
 from piezo_opt.readers.wanted import Wanted, treated
 from piezo_opt.units import quantity, same_dimension
 
+LEFT_OUT = "left out"
+"""Column of a written file: 1 where a reading is none."""
+_RESERVED = ("time", "drive", "position")
+
 
 def measurement_from(table: Table, name: str, wanted: Wanted) -> Measurement:
     """The record in a table; `InputError` names the file, the row or column, and the remedy."""
@@ -60,6 +64,8 @@ def measurement_from(table: Table, name: str, wanted: Wanted) -> Measurement:
         _check_order(table, table.columns[place], time)
     channels, channel_units = _channels(table, taken, time.size)
     said = table.metadata
+    # A file that this package wrote says which readings are none.
+    left_out = channels.pop(LEFT_OUT, np.zeros(0)) if own else np.zeros(0)
     period = wanted.period if wanted.period is not None else said.get("period")
     startup = wanted.startup if wanted.startup is not None else said.get("startup", 0.0)
     try:
@@ -77,6 +83,7 @@ def measurement_from(table: Table, name: str, wanted: Wanted) -> Measurement:
             startup=quantity(startup, "s"),
             source=str(said.get("source", os.path.basename(table.file))),
             allow_saturated=wanted.allow_saturated or bool(said.get("allow_saturated", False)),
+            left_out=left_out > 0,
             notes=(*table.notes, *clock_notes),
         )
         return treated(record, wanted)
@@ -190,5 +197,7 @@ def _channels(
             raise InputError(
                 f"{table.file}: has two columns {column.name!r}: give them different names"
             )
-        channels[column.name], units[column.name] = in_si(table, column)
+        # A set point beside the measurement may have the name that the measurement has here.
+        name = f"{column.name} column" if column.name in _RESERVED else column.name
+        channels[name], units[name] = in_si(table, column)
     return channels, units

@@ -16,6 +16,7 @@ from piezo_opt import datasets, demo
 from piezo_opt.cli import app, choices
 from piezo_opt.cli import solving as solving_module
 from piezo_opt.identification import Identification, Progress, solve
+from piezo_opt.measurement import Measurement
 from piezo_opt.readers import read, write
 
 LOOP = str(datasets.path("thesis/hysteresis.csv"))
@@ -91,6 +92,48 @@ def test_fit_with_the_default_model_and_a_test_part(tmp_path: Path) -> None:
     # What the default model leaves out, it says.
     assert any("quasi-static" in remark for remark in data["remarks"])
     assert data["held_out"]["entries"][0]["samples"] == 16
+
+
+def spoiled(folder: Path, name: str, gain: float = 1.0) -> Path:
+    """The thesis' loop with a thing wrong that only the check sees."""
+    record = datasets.load("thesis/hysteresis")
+    file = folder / name
+    write(record.with_(position=gain * record.position), file)
+    return file
+
+
+def test_check_prints_what_it_found_and_a_fit_begins_with_it(tmp_path: Path, plain: Path) -> None:
+    wrong, out = spoiled(tmp_path, "metres.csv", 1e6), tmp_path / "check.json"
+    before = sorted(tmp_path.iterdir())
+    done = run("check", wrong)
+    assert done.exit_code == 2
+    assert "Refused (unit): hysteresis: The reading moves by 14.66 m" in done.stdout
+    assert "To be answered before a fit: unit." in done.stdout
+    assert "⠀" in done.stdout
+    assert sorted(tmp_path.iterdir()) == before
+    assert run("check", LOOP, "--json", out).exit_code == 0
+    told = json.loads(out.read_text())
+    assert told["schema"] == "piezo_opt/check/1"
+    assert told["fit_for_use"] is True
+    for command in ("fit", "diagnose", "compare"):
+        refused(run(command, wrong), "--mend unit takes it as um", "--accept unit")
+    refused(run("report", wrong, "--out", tmp_path / "r.html"), "--mend unit")
+    refused(run("fit", wrong, "--mend", "wrapped"), "nothing of that kind", "unit")
+    mended = run("fit", wrong, "--model", plain, "--start", "rest", "--mend", "unit")
+    assert mended.exit_code == 0, mended.output
+    assert "rms 169 nm" in mended.stdout
+    assert "Mended as asked (unit)." in mended.stdout
+
+
+def test_a_fit_that_explains_nothing_is_an_error(tmp_path: Path) -> None:
+    time = np.arange(800) / 1000.0
+    noise = np.random.default_rng(0).normal(scale=1e-7, size=time.size)
+    file = tmp_path / "noise.csv"
+    write(Measurement(time, 50.0 * np.sin(40.0 * time), noise), file)
+    done = run("fit", file)
+    assert done.exit_code == 2
+    assert "explains nothing of the reading" in done.stdout
+    assert "look at the record with piezo-opt check" in done.stderr
 
 
 def test_existing_files_are_refused_before_any_work(

@@ -41,7 +41,7 @@ def test_a_reading_that_stands_alone_is_remarked(where: int, size: float) -> Non
     assert said.startswith("1 reading stands alone")
     assert f"at {where / 1000:g} s (sample {where + 1}, " in said
     assert "leave that row out" in said
-    assert said in record.remarks
+    assert f"{said} --mend lone leaves them out." in record.remarks
 
 
 def test_several_are_counted() -> None:
