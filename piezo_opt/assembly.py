@@ -26,9 +26,6 @@ from piezo_opt.keeping import digest, kept
 from piezo_opt.lazy import lazy
 from piezo_opt.symbolic import Expression, one_at_a_time
 
-_FUNCTIONS: Final = ("rate", "reading", "signals", "start", "becomes", "delay")
-"""What a system consists of, by its attributes."""
-
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -44,12 +41,6 @@ class System:
         state_units: SI unit of each state.
         channel_names: order of c.
         constants: parameters folded into the expressions, with their values.
-        rate: ``(t, x, u, du, c, dc, p) -> x'``.
-        reading: ``(t, x, u, du, c, dc, p) -> y`` [m].
-        signals: ``(t, x, u, du, c, dc, p) -> (v, v', h, s, s', x, x')`` stacked.
-        start: ``(t, u, c, p, deviation) -> x`` at rest, plus the deviation, carried downstream.
-        becomes: ``(t, x, u, c, p) -> x`` after a monotone stretch, None if no state jumps.
-        delay: ``(p) -> T`` [s], None without a delay.
     """
 
     model: Model
@@ -58,12 +49,51 @@ class System:
     state_units: tuple[str, ...]
     channel_names: tuple[str, ...]
     constants: Mapping[str, float]
-    rate: ca.Function
-    reading: ca.Function
-    signals: ca.Function
-    start: ca.Function
-    becomes: ca.Function | None
-    delay: ca.Function | None
+
+    @lazy
+    def functions(self) -> Mapping[str, Any]:
+        """All functions by their names; made when one is asked for first.
+
+        Raises:
+            ModelError: signals depend on themselves, or nothing moves what has to be moved.
+        """
+        return _functions(self.model, tuple(sorted(self.constants.items())))
+
+    @property
+    def rate(self) -> ca.Function:
+        """``(t, x, u, du, c, dc, p) -> x'``."""
+        found: ca.Function = self.functions["rate"]
+        return found
+
+    @property
+    def reading(self) -> ca.Function:
+        """``(t, x, u, du, c, dc, p) -> y`` [m]."""
+        found: ca.Function = self.functions["reading"]
+        return found
+
+    @property
+    def signals(self) -> ca.Function:
+        """``(t, x, u, du, c, dc, p) -> (v, v', h, s, s', x, x')`` stacked."""
+        found: ca.Function = self.functions["signals"]
+        return found
+
+    @property
+    def start(self) -> ca.Function:
+        """``(t, u, c, p, deviation) -> x`` at rest, plus the deviation, carried downstream."""
+        found: ca.Function = self.functions["start"]
+        return found
+
+    @property
+    def becomes(self) -> ca.Function | None:
+        """``(t, x, u, c, p) -> x`` after a monotone stretch, None if no state jumps."""
+        found: ca.Function | None = self.functions["becomes"]
+        return found
+
+    @property
+    def delay(self) -> ca.Function | None:
+        """``(p) -> T`` [s], None without a delay."""
+        found: ca.Function | None = self.functions["delay"]
+        return found
 
     @lazy
     @one_at_a_time
@@ -95,40 +125,77 @@ def assemble(model: Model, constants: Mapping[str, float] | None = None) -> Syst
     Raises:
         ModelError: an effect's needs are not met, or signals depend on themselves.
     """
+    system = named(model, constants)
+    _ = system.functions
+    return system
+
+
+def named(model: Model, constants: Mapping[str, float] | None = None) -> System:
+    """The system of a model, whose functions are written when one is asked for first.
+
+    Args:
+        model: a sum of effects.
+        constants: as for :func:`assemble`.
+
+    Raises:
+        ModelError: an effect's needs are not met.
+    """
     chosen = folded(model) if constants is None else dict(constants)
     return _assemble(model, tuple(sorted(chosen.items())))
 
 
 @lru_cache(maxsize=2048)
-@one_at_a_time
 def _assemble(model: Model, constants: tuple[tuple[str, float], ...]) -> System:
-    """The system of a model, from another process where one has assembled it before."""
+    channels = _channels(model)
+    for name, effect in model:
+        refusal = model.refusal(effect, channels)
+        if refusal is not None:
+            raise ModelError(f"{name}: {refusal}")
+    folded_names = dict(constants)
+    states = [
+        (f"{name}.{state}" if size == 1 else f"{name}.{state}[{i}]", declared[state].unit)
+        for name, effect in model
+        for declared in (effect.declared_states,)
+        for state, size in effect.states.items()
+        for i in range(size)
+    ]
+    return System(
+        model=model,
+        parameter_names=tuple(n for n in model.parameters if n not in folded_names),
+        state_names=tuple(name for name, _ in states),
+        state_units=tuple(unit for _, unit in states),
+        channel_names=channels,
+        constants=folded_names,
+    )
 
-    def made() -> System:
-        return _Assembler(model, dict(constants)).system()
 
-    def read(text: str) -> System:
+def _channels(model: Model) -> tuple[str, ...]:
+    """Names of the recorded channels that a model needs."""
+    needs = (need for _, effect in model for need in effect.requires)
+    marked = (need for need in needs if need.startswith("channel:"))
+    return tuple(sorted({need.removeprefix("channel:") for need in marked}))
+
+
+@one_at_a_time
+def _functions(model: Model, constants: tuple[tuple[str, float], ...]) -> Mapping[str, Any]:
+    """A system's functions, from another process where one has made them before."""
+
+    def made() -> Mapping[str, Any]:
+        return _Assembler(model, dict(constants)).functions()
+
+    def read(text: str) -> Mapping[str, Any]:
         told = json.loads(text)
-        functions: dict[str, Any] = {
-            k: None if told[k] is None else ca.Function.deserialize(told[k]) for k in _FUNCTIONS
-        }
-        names, states, units, channels = (tuple(part) for part in told["names"])
-        return System(model, names, states, units, channels, dict(constants), **functions)
+        return {k: None if v is None else ca.Function.deserialize(v) for k, v in told.items()}
 
-    named = [_told(name, effect) for name, effect in model]
-    if None in named:
+    names = [_told(name, effect) for name, effect in model]
+    if None in names:
         return made()
-    return kept("systems", f"{named} {constants} {_ORIGIN}", made, _written_out, read)
+    return kept("systems", f"{names} {constants} {ORIGIN}", made, _written_out, read)
 
 
-def _written_out(system: System) -> str:
-    """A system as a text, but for its model and its constants."""
-    parts = {k: getattr(system, k) for k in _FUNCTIONS}
-    told: dict[str, Any] = {k: None if f is None else f.serialize() for k, f in parts.items()}
-    told["names"] = (
-        system.parameter_names, system.state_names, system.state_units, system.channel_names,
-    )  # fmt: skip
-    return json.dumps(told)
+def _written_out(functions: Mapping[str, Any]) -> str:
+    """A system's functions as a text."""
+    return json.dumps({k: None if f is None else f.serialize() for k, f in functions.items()})
 
 
 def _told(name: str, effect: Effect) -> str | None:
@@ -148,7 +215,7 @@ def _sources() -> str:
     return f"{metadata.version('casadi')} {digest(b''.join(file.read_bytes() for file in files))}"
 
 
-_ORIGIN: Final = _sources()
+ORIGIN: Final = _sources()
 
 
 @final
@@ -158,17 +225,7 @@ class _Assembler:
     def __init__(self, model: Model, constants: Mapping[str, float]) -> None:
         self.model = model
         self.constants = constants
-        channels = {
-            need.removeprefix("channel:")
-            for _, effect in model
-            for need in effect.requires
-            if need.startswith("channel:")
-        }
-        self.channel_names = tuple(sorted(channels))
-        for name, effect in model:
-            refusal = model.refusal(effect, self.channel_names)
-            if refusal is not None:
-                raise ModelError(f"{name}: {refusal}")
+        self.channel_names = _channels(model)
         self.time = ca.SX.sym("t")
         self.command = Signal(ca.SX.sym("u"), ca.SX.sym("du"))
         self.channels = {n: Signal(ca.SX.sym(n), ca.SX.sym(f"d_{n}")) for n in self.channel_names}
@@ -254,7 +311,7 @@ class _Assembler:
                     f"{name}: state '{state}' neither moves nor becomes; "
                     "return its rate in Equations(moves=...)."
                 )
-        if not isinstance(said.delays, float | int):
+        if not isinstance(said.delays, float | int) or said.delays != 0.0:
             self.delays.append(said.delays)
         self.inertia += said.inertia
         return said.gives
@@ -285,7 +342,8 @@ class _Assembler:
             total += self._ask(name, self.drive)
         return total
 
-    def system(self) -> System:
+    def functions(self) -> dict[str, ca.Function | None]:
+        """The functions of the whole model, by their names in :class:`System`."""
         drive = self._line(Place.INPUT, self.command.value, self.command.rate)
         loop = self._sum(Place.LOOP)
         free = self._sum(Place.STRAIN)
@@ -352,34 +410,15 @@ class _Assembler:
             jump = ca.Function(
                 "po_becomes", [self.time, x, self.command.value, c, p], [resolve(after)]
             )
-        units = [
-            e.declared_states[s].unit
-            for _, e in self.model
-            for s, size in e.states.items()
-            for _ in range(size)
-        ]
-        return System(
-            model=self.model,
-            parameter_names=tuple(self.p),
-            state_names=tuple(
-                name if s.numel() == 1 else f"{name}[{i}]"
-                for name, s in self.x.items()
-                for i in range(s.numel())
-            ),
-            state_units=tuple(units),
-            channel_names=self.channel_names,
-            constants=dict(self.constants),
-            rate=ca.Function("po_rate", instant, [resolve(dx)]),
-            reading=ca.Function("po_reading", instant, [resolve(reading)]),
-            signals=ca.Function("po_signals", instant, [resolve(signals)]),
-            start=self._start(resolve_values, x, c, p),
-            becomes=jump,
-            delay=(
-                ca.Function("po_delay", [p], [sum(self.delays, ca.SX(0.0))])
-                if self.delays
-                else None
-            ),
-        )
+        delay = sum(self.delays, ca.SX(0.0))
+        return {
+            "rate": ca.Function("po_rate", instant, [resolve(dx)]),
+            "reading": ca.Function("po_reading", instant, [resolve(reading)]),
+            "signals": ca.Function("po_signals", instant, [resolve(signals)]),
+            "start": self._start(resolve_values, x, c, p),
+            "becomes": jump,
+            "delay": ca.Function("po_delay", [p], [delay]) if self.delays else None,
+        }
 
     def _total_rate(
         self, resolve: Callable[[Expression], Expression]

@@ -1,8 +1,8 @@
 """What holds for every test: no display, one thread per worker, examples that repeat.
 
-Compiled libraries are kept in the user's own cache directory, which all workers share: a model
-is compiled once, by whichever test asks first. A test about the cache itself sets
-``PIEZO_OPT_CACHE`` to a directory of its own.
+Compiled libraries are kept in the user's own cache directory, which all workers share: the effects
+are compiled once, before the first test. A test about the cache itself sets ``PIEZO_OPT_CACHE`` to
+a directory of its own.
 """
 
 from __future__ import annotations
@@ -22,6 +22,14 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 settings.register_profile("repeat", deadline=None, derandomize=True)
 settings.register_profile("search", deadline=None, max_examples=1000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeat"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiled_effects() -> None:
+    """The library of effects: no test that looks at its own cache finds it built there."""
+    from piezo_opt.simulation.library import catalogue
+
+    catalogue()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

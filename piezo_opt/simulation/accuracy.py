@@ -12,14 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Final, final
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.assembly import System
 from piezo_opt.errors import ModelError
-from piezo_opt.simulation.exponential import linear_part, longest
+from piezo_opt.simulation.dynamics import Dynamics, dynamics
 from piezo_opt.simulation.schedule import Segment
 
 FloatArray = NDArray[np.float64]
@@ -117,44 +117,33 @@ def fastest_rates(
     """
     if not system.state_names:
         return 0.0, 0.0
-    rates = _rates(system, segment, parameters, lambda _: x, exact)
+    moving = dynamics(system, exact)
+    rates = _rates(moving, segment, parameters, lambda _: x)
     moves = segment.moves
     if max(rates[0] * float(segment.length.max()), rates[1] * float(moves.max())) <= _FAST:
         return rates
-    unmoved = np.zeros(x.size)
 
     def at_rest(i: int) -> FloatArray:
-        given = [segment.time[i], segment.drive[i], segment.channels[i], parameters, unmoved]
-        return np.array(system.start(*given), dtype=float).ravel()
+        return moving.at_rest(segment.time[i], segment.drive[i], segment.channels[i], parameters)
 
     departure = x - at_rest(0)
-    resting = _rates(system, segment, parameters, lambda i: at_rest(i) + departure, exact)
+    resting = _rates(moving, segment, parameters, lambda i: at_rest(i) + departure)
     return min(rates[0], resting[0]), min(rates[1], resting[1])
 
 
 def _rates(
-    system: System,
+    moving: Dynamics,
     segment: Segment,
     parameters: FloatArray,
     states: Callable[[int], FloatArray],
-    exact: bool,
 ) -> tuple[float, float]:
     """Both rates where the states at the beginning of segment i are ``states(i)``."""
-    n, channels = len(system.state_names), len(system.channel_names)
-    time, x, drive, moving = np.zeros(1), np.zeros(n), np.zeros(1), np.zeros(1)
-    beside, beside_slopes, a = np.zeros(channels), np.zeros(channels), np.zeros((n, n))
-    given = (time, x, drive, moving, beside, beside_slopes, np.array(parameters, dtype=float))
-    # Wrapping the arguments of a call takes CasADi far longer than these few numbers.
-    bound: Any = linear_part(system, exact).slopes.buffer()
-    buffer, evaluate = bound
-    for index, array in enumerate(given):
-        buffer.set_arg(index, array.data)
-    buffer.set_res(0, a.data)
 
     def fastest(i: int, slope: float) -> float:
-        time[0], x[:], drive[0], moving[0] = segment.time[i], states(i), segment.drive[i], slope
-        beside[:], beside_slopes[:] = segment.channels[i], segment.channel_slopes[i]
-        evaluate()
+        a = moving.slopes(
+            segment.time[i], states(i), segment.drive[i], slope, segment.channels[i],
+            segment.channel_slopes[i], parameters,
+        )  # fmt: skip
         return float(np.abs(np.linalg.eigvals(a)).max()) if np.isfinite(a).all() else 0.0
 
     by_itself = by_drive = 0.0
@@ -189,7 +178,7 @@ def choose(
         ModelError: no number of sub-steps up to ``most`` makes the simulation finite.
     """
     rate, by_drive = fastest_rates(system, segment, parameters, start, exact)
-    within = longest(linear_part(system, exact), parameters)
+    within = dynamics(system, exact).longest(parameters)
     moves = segment.moves
     swing = float(np.ptp(segment.drive)) or 1.0
     substeps = Substeps(

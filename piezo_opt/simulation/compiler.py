@@ -5,9 +5,9 @@ long. A library is kept as ``HASH OF THE RECIPE/HASH OF THE LIBRARY.so``. It is 
 content has the hash that its name says: the loader maps the file, and a cut-off one would not be
 refused but kill the process with a bus error. Whatever fails the test is removed and built again.
 
-Two processes may build the same library at once: each writes its own temporary file and renames
-it into place, which is atomic and leaves alone who has the old file mapped. A cache directory
-that cannot be written is replaced by a temporary one for this process.
+Of two processes that would build the same library the second one waits. A file is written beside
+its place and renamed into it, which is atomic and leaves alone who has the old file mapped. A
+cache directory that cannot be written is replaced by a temporary one for this process.
 
 Environment: ``PIEZO_OPT_CC`` is the compiler; an empty one means that there is none.
 """
@@ -21,7 +21,8 @@ import platform
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -30,13 +31,13 @@ from piezo_opt.keeping import digest, own_directory, prune, used
 
 FLAGS: Final = (
     "-O3", "-fno-tree-slp-vectorize", "-march=native", "-fno-math-errno", "-fno-trapping-math",
-    "-std=gnu11", "-shared", "-fPIC", "-w",
+    "-std=gnu11", "-fPIC", "-w",
 )  # fmt: skip
 """Nothing that changes the order of additions: the numbers are those of the other engine. Packing
 scalars into vectors takes longer to compile and, in straight-line code, longer to run."""
 
-PROBE: Final = "po_run"
-"""A symbol that every library has."""
+PROBES: Final = ("po_run", "po_forms")
+"""Symbols of which every library has one."""
 
 
 def find_compiler() -> str | None:
@@ -64,13 +65,19 @@ def _fingerprint(compiler: str) -> str:
     return f"{asked.stdout.splitlines()[:1]}|{processor}|{FLAGS}"
 
 
-def load(recipe: str, write: Callable[[str], str] = str) -> ctypes.CDLL | None:
+def load(
+    recipe: str,
+    write: Callable[[str], str | Mapping[str, str]] = str,
+    progress: Callable[[int, int], None] | None = None,
+) -> ctypes.CDLL | None:
     """The compiled library of a recipe, or None when it cannot be built here.
 
     Args:
         recipe: all that the C text depends on.
-        write: makes the C text of it; not called where the library is kept. Unless given, the
-            recipe is the C text.
+        write: makes the C text of it, or several texts by file name, of which those that end in
+            ``.c`` are compiled side by side; not called where the library is kept. Unless given,
+            the recipe is the C text.
+        progress: told how many texts are compiled, and of how many.
 
     Raises:
         InputError: the cache directory is not the user's alone.
@@ -80,13 +87,15 @@ def load(recipe: str, write: Callable[[str], str] = str) -> ctypes.CDLL | None:
         return None
     key = digest(f"{_fingerprint(compiler)}\n{recipe}".encode())
 
-    def text() -> str:
-        return write(recipe)
+    def texts() -> Mapping[str, str]:
+        told = write(recipe)
+        return {"core.c": told} if isinstance(told, str) else told
 
+    say = progress or (lambda _done, _all: None)
     loaded = None
     with contextlib.suppress(OSError):
-        loaded = _load_into(own_directory(), key, text, compiler)
-    return loaded or _load_into(Path(_private_directory()), key, text, compiler)
+        loaded = _load_into(own_directory(), key, texts, compiler, say)
+    return loaded or _load_into(Path(_private_directory()), key, texts, compiler, say)
 
 
 @cache
@@ -100,7 +109,11 @@ def _private_directory() -> str:
 
 
 def _load_into(
-    directory: Path, key: str, text: Callable[[], str], compiler: str
+    directory: Path,
+    key: str,
+    texts: Callable[[], Mapping[str, str]],
+    compiler: str,
+    progress: Callable[[int, int], None],
 ) -> ctypes.CDLL | None:
     kept = directory / key
     loaded = _open_kept(kept)
@@ -108,15 +121,32 @@ def _load_into(
         return loaded
     try:
         kept.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".build_", dir=directory) as scratch:
-            made = _compile(Path(scratch), text(), compiler)
-            if made is None:
-                return None
-            os.replace(made, kept / f"{digest(made.read_bytes())}.so")
+        with _alone(kept):
+            loaded = _open_kept(kept)  # another process may have built it meanwhile
+            if loaded is not None:
+                return loaded
+            with tempfile.TemporaryDirectory(prefix=".build_", dir=directory) as scratch:
+                made = _compile(Path(scratch), texts(), compiler, progress)
+                if made is None:
+                    return None
+                os.replace(made, kept / f"{digest(made.read_bytes())}.so")
         prune(directory)
     except OSError:
         return None
     return _open_kept(kept)
+
+
+@contextlib.contextmanager
+def _alone(kept: Path) -> Iterator[None]:
+    """Let other processes wait that would build the same at the same time."""
+    try:
+        import fcntl
+    except ImportError:  # no such locks here: both build, and the later one stays
+        yield
+        return
+    with (kept / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def _open_kept(kept: Path) -> ctypes.CDLL | None:
@@ -129,7 +159,7 @@ def _open_kept(kept: Path) -> ctypes.CDLL | None:
         try:
             if digest(library.read_bytes()) == library.stem:
                 loaded = ctypes.CDLL(str(library))
-                if hasattr(loaded, PROBE):
+                if any(hasattr(loaded, probe) for probe in PROBES):
                     used(kept)
                     return loaded
         except OSError:
@@ -140,14 +170,39 @@ def _open_kept(kept: Path) -> ctypes.CDLL | None:
     return None
 
 
-def _compile(scratch: Path, text: str, compiler: str) -> Path | None:
-    source, target = scratch / "core.c", scratch / "core.so"
-    source.write_text(text)
+def _compile(
+    scratch: Path,
+    texts: Mapping[str, str],
+    compiler: str,
+    progress: Callable[[int, int], None],
+) -> Path | None:
+    for name, text in texts.items():
+        (scratch / name).write_text(text)
+    sources = [scratch / name for name in texts if name.endswith(".c")]
     for flags in (FLAGS, tuple(f for f in FLAGS if f != "-march=native")):
-        done = subprocess.run(
-            [compiler, *flags, "-o", str(target), str(source), "-lm"],
-            capture_output=True, check=False,
-        )  # fmt: skip
-        if done.returncode == 0:
+        target = scratch / "core.so"
+        if len(sources) == 1:
+            if _run(compiler, *flags, "-shared", "-o", str(target), str(sources[0]), "-lm"):
+                return target
+            continue
+        objects = [source.with_suffix(".o") for source in sources]
+        commands = [
+            (*flags, "-c", "-o", str(o), str(s)) for s, o in zip(sources, objects, strict=True)
+        ]
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            done = 0
+            progress(0, len(sources))
+            for good in pool.map(lambda command: _run(compiler, *command), commands):
+                done += good
+                progress(done, len(sources))
+        named = [str(o) for o in objects]
+        if done == len(sources) and _run(
+            compiler, *flags, "-shared", "-o", str(target), *named, "-lm"
+        ):
             return target
     return None
+
+
+def _run(*command: str) -> bool:
+    """Whether a command succeeds."""
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0

@@ -8,7 +8,6 @@ a run changes, so several threads may use one.
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib import metadata, resources
 from typing import Final, Protocol, final
@@ -19,7 +18,10 @@ from numpy.typing import NDArray
 
 from piezo_opt.assembly import System
 from piezo_opt.simulation.compiler import load
+from piezo_opt.simulation.composed import ComposedEngine, vector
+from piezo_opt.simulation.composed import program as composed
 from piezo_opt.simulation.program import RUN, START, source
+from piezo_opt.simulation.runs import Ceiling, Run
 from piezo_opt.simulation.schedule import Segment
 from piezo_opt.simulation.scheme import Scheme, outline, scheme
 from piezo_opt.symbolic import one_at_a_time
@@ -31,42 +33,6 @@ WRITERS: Final = (
     "scheme", "exponential", "instructions", "quick", "emit", "tangents", "powers", "program",
 )  # fmt: skip
 """Files of this folder that the text of a program follows from."""
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Ceiling:
-    """How far readings may miss a measurement before nobody wants to know the rest of them.
-
-    Attributes:
-        measured: (N,) [m]; what is NaN does not count.
-        squares: sum of the squares of the readings minus it [m^2], from which on a run may be
-            given up.
-    """
-
-    measured: FloatArray
-    squares: float
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Run:
-    """What a run returns.
-
-    Attributes:
-        reading: (N,) [m]; NaN from where it was given up, and nothing else of the run means
-            anything then.
-        sensitivities: (N, k) derivative of the reading by each direction.
-        states: (N, n) at the readings, None unless asked for.
-        last: (n,) states at the end.
-        last_sensitivities: (n, k) derivative of the last states by each direction.
-    """
-
-    reading: FloatArray
-    sensitivities: FloatArray
-    states: FloatArray | None
-    last: FloatArray
-    last_sensitivities: FloatArray
 
 
 class Engine(Protocol):
@@ -111,6 +77,9 @@ def engine(
         exact: whether linear blocks are moved by their exponential.
     """
     if prefer_compiled:
+        made = composed(system, exact)
+        if made is not None:
+            return ComposedEngine(made, directions)
         try:
             library = load(
                 _recipe(system, directions, exact), lambda _: _program(system, directions, exact)
@@ -170,7 +139,7 @@ class CompiledEngine:
         self, segment: Segment, parameters: FloatArray, deviation: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """States (n,) and their sensitivities (n, k) at rest, plus a deviation (n,)."""
-        p, d = self._vector(parameters, self._parameters), self._vector(deviation, self._shape[0])
+        p, d = vector(parameters, self._parameters), vector(deviation, self._shape[0])
         x, s = np.empty(self._shape[0]), np.zeros(self._shape)
         at = segment.addresses
         self._start(at.time, at.drive, at.channels, _address(p), _address(d), _address(x),
@@ -190,8 +159,8 @@ class CompiledEngine:
     ) -> Run:
         """Simulate."""
         count, (n, k) = segment.readings, self._shape
-        p = self._vector(parameters, self._parameters)
-        x = self._vector(start, n).copy()
+        p = vector(parameters, self._parameters)
+        x = vector(start, n).copy()
         s = np.array(start_sensitivities, dtype=float, order="C")
         cut = np.ascontiguousarray(substeps, dtype=np.int32)
         if s.shape != (n, k) or cut.shape != segment.length.shape:
@@ -200,7 +169,7 @@ class CompiledEngine:
         xs = np.empty((count, n)) if states else None
         measured, most = None, np.inf
         if ceiling is not None:
-            measured, most = self._vector(ceiling.measured, count), ceiling.squares
+            measured, most = vector(ceiling.measured, count), ceiling.squares
         at = segment.addresses
         self._run(
             segment.length.size, at.length, cut.ctypes.data, at.time, at.drive, at.slope,
@@ -210,14 +179,6 @@ class CompiledEngine:
             None if measured is None else _address(measured), most,
         )  # fmt: skip
         return Run(y, j, xs, x, s)
-
-    @staticmethod
-    def _vector(given: FloatArray, size: int) -> FloatArray:
-        vector = np.ascontiguousarray(given, dtype=float)
-        if vector.shape != (size,):
-            # The C program trusts its pointers.
-            raise ValueError(f"a vector of {size} numbers is needed, not of shape {vector.shape}")
-        return vector
 
 
 def _pack(made: Scheme, dense: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ and doubling: Higham (2008), Functions of Matrices, ch. 10.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import metadata
@@ -131,14 +131,14 @@ def _taken_out(system: System, exact: bool) -> LinearPart:
     rows = ca.vertsplit(rest)
     pattern = np.zeros((n, n), dtype=bool)
     for i, row in enumerate(rows if exact else ()):
-        pattern[i, list(_split(row, dict(enumerate(states)), x, moving)[0])] = True
-    blocks = _blocks(pattern)
+        pattern[i, list(split(row, dict(enumerate(states)), x, moving)[0])] = True
+    blocks = blocks_of(pattern)
     matrix = ca.SX(n, n)
     for block in blocks:
         mates = {j: states[j] for j in block}
         together = ca.vertcat(*mates.values())
         for i in block:
-            slopes, rest[i] = _split(rows[i], mates, together, moving)
+            slopes, rest[i] = split(rows[i], mates, together, moving)
             for j, slope in slopes.items():
                 matrix[i, j] = slope
     among = {i for block in blocks for i in block}
@@ -153,7 +153,7 @@ def _taken_out(system: System, exact: bool) -> LinearPart:
     )
 
 
-def _split(
+def split(
     one: ca.SX, wanted: Mapping[int, ca.SX], together: ca.SX, moving: ca.SX
 ) -> tuple[dict[int, ca.SX], ca.SX]:
     """Where a sum is a state times what only the parameters decide: those factors, and the rest.
@@ -168,7 +168,7 @@ def _split(
     """
 
     def part(index: int) -> tuple[dict[int, ca.SX], ca.SX]:
-        return _split(one.dep(index), wanted, together, moving)
+        return split(one.dep(index), wanted, together, moving)
 
     if not ca.depends_on(one, together):
         return {}, one
@@ -201,7 +201,7 @@ def _split(
     return {}, one
 
 
-def _blocks(pattern: NDArray[np.bool_]) -> tuple[tuple[int, ...], ...]:
+def blocks_of(pattern: NDArray[np.bool_]) -> tuple[tuple[int, ...], ...]:
     """Pairs of states that swing or fade one after the other, and those that fade by themselves."""
     n = pattern.shape[0]
     # A position is moved by its velocity alone, whatever else that one moves and is moved by.
@@ -337,12 +337,22 @@ def _of_two(matrix: ca.SX, h: ca.SX) -> Weights:
 
 
 def longest(part: LinearPart, parameters: FloatArray) -> float:
-    """The longest sub-step [s] over which the blocks are as good as exact."""
+    """The longest sub-step [s] over which the blocks of a part are as good as exact."""
     if not part.blocks:
         return np.inf
     matrix = np.array(ca.densify(part.matrix(parameters)))
+    return reach(matrix, zip(part.blocks, part.heard, strict=True))
+
+
+def reach(matrix: FloatArray, blocks: Iterable[tuple[Sequence[int], bool]]) -> float:
+    """The longest sub-step [s] over which linear blocks are as good as exact.
+
+    Args:
+        matrix: L (n, n) [1/s].
+        blocks: the states of each, and whether something that is in no block follows it.
+    """
     limit = np.inf
-    for block, heard in zip(part.blocks, part.heard, strict=True):
+    for block, heard in blocks:
         own = matrix[np.ix_(block, block)]
         size = float(np.abs(np.linalg.eigvals(own)).max()) if np.isfinite(own).all() else np.inf
         if size > 0.0:

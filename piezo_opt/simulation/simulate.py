@@ -11,14 +11,16 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.assembly import System, assemble, folded
+from piezo_opt.assembly import System, folded, named
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, ModelError
 from piezo_opt.lazy import lazy
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation.accuracy import Accuracy, Substeps, choose
-from piezo_opt.simulation.engine import Ceiling, Engine, Run, engine
-from piezo_opt.simulation.exponential import LENGTHS, linear_part
+from piezo_opt.simulation.dynamics import delay_of, dynamics
+from piezo_opt.simulation.engine import Engine, engine
+from piezo_opt.simulation.exponential import LENGTHS
+from piezo_opt.simulation.runs import Ceiling, Run
 from piezo_opt.simulation.schedule import Drive, Segment, corners, led_in, segments
 from piezo_opt.simulation.scheme import INITIAL
 from piezo_opt.values import Values
@@ -103,7 +105,7 @@ class Simulator:
         exact: bool = False,
     ) -> None:
         moved = [k for k, v in folded(model).items() if values.get(k, v) != v]
-        self.system: System = assemble(model, folded(model, [*runtime, *moved, *directions]))
+        self.system: System = named(model, folded(model, [*runtime, *moved, *directions]))
         missing = [c for c in self.system.channel_names if c not in record.channels]
         if missing:
             raise InputError(
@@ -124,6 +126,7 @@ class Simulator:
         self._drive: Drive = corners(record, self.system.channel_names)
         self._at = record.time - record.time[0]
         self._prefer_compiled = prefer_compiled
+        self._delay = delay_of(self.system, prefer_compiled)
         self.exact = exact and self._worth_it() if substeps is None else substeps.exact
         # Kept from call to call, each replaced as a whole: threads may race, never mix.
         self._segment_at: tuple[float, Segment] | None = None
@@ -267,9 +270,9 @@ class Simulator:
 
     def segment(self, values: Mapping[str, float]) -> Segment:
         """The time axis: stretches of straight drive, and where the reading is taken."""
-        if self.system.delay is None:
+        if self._delay is None:
             return self._timed(self._drive.sampled)
-        delay = float(self.system.delay(self._parameters(values)))
+        delay = self._delay(self._parameters(values))
         kept = self._segment_at
         if kept is None or kept[0] != delay:
             drive = self._drive
@@ -285,8 +288,8 @@ class Simulator:
 
         What moves by an exponential asks for a new one whenever a sub-step has another length.
         """
-        blocks = linear_part(self.system, exact=True).blocks
-        return len(blocks) > 0 and self._drive.sampled.even.lengths <= LENGTHS
+        blocks = dynamics(self.system, True, self._prefer_compiled).blocks
+        return blocks > 0 and self._drive.sampled.even.lengths <= LENGTHS
 
     def _timed(self, segment: Segment) -> Segment:
         """A time axis as this scheme goes along it."""

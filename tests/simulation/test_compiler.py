@@ -16,7 +16,7 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.assembly import assemble
-from piezo_opt.effects import BoucWen, Model, PiezoGain, SecondOrder
+from piezo_opt.effects import BoucWen, PiezoGain, SecondOrder, Spring
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation import Simulator, Substeps, compiler, program
 from piezo_opt.simulation import engine as engines
@@ -187,9 +187,7 @@ def test_without_a_working_compiler_there_is_no_library(
 
 
 @needs_compiler
-def test_without_a_compiler_the_numbers_are_the_same(
-    cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_compiler_the_numbers_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     model = PiezoGain() + BoucWen() + SecondOrder()
     time = np.arange(60) / 1e4
     drive = 30.0 * np.sin(2 * np.pi * 300 * time)
@@ -210,7 +208,6 @@ def test_without_a_compiler_the_numbers_are_the_same(
     assert not without.compiled
     found = without.with_sensitivities(values)
     engine.cache_clear()
-    assert len(libraries(cache)) == 2
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.ptp(other))
 
@@ -220,7 +217,7 @@ def test_who_asks_for_sensitivities_only_waits_for_one_program(cache: Path) -> N
     engine.cache_clear()
     time = np.arange(60) / 1e4
     record = Measurement(time, np.sin(time), 1e-7 * np.sin(time))
-    model, values = Model.of(PiezoGain()), {"piezo_gain.d": 1e-7}
+    model, values = PiezoGain() + Spring(), {"piezo_gain.d": 1e-7, "spring.omega": 1e3}
     run = Simulator(
         model, record, values, directions=("piezo_gain.d",), substeps=Substeps(1.0, 1e9)
     )
@@ -247,7 +244,7 @@ def test_threads_write_programs_one_at_a_time(cache: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr(engines, "source", source)
     engine.cache_clear()
-    model = PiezoGain() + BoucWen()
+    model = PiezoGain() + BoucWen() + Spring()
     names = ("piezo_gain.d", "bouc_wen.alpha", "bouc_wen.beta", "bouc_wen.gamma")
     with ThreadPoolExecutor(max_workers=4) as pool:
         made = list(pool.map(lambda name: engine(assemble(model), (name,)), names))
@@ -301,7 +298,7 @@ def test_a_program_is_written_once_and_again_for_whatever_differs(
         return program.source(made)
 
     monkeypatch.setattr(engines, "source", source)
-    model = PiezoGain() + BoucWen()
+    model = PiezoGain() + BoucWen() + Spring()
     round_, sharp = (assemble(model, {"bouc_wen.n": n}) for n in (1.0, 2.0))
     for system, directions in (
         (round_, ()), (round_, ("piezo_gain.d",)), (round_, ("bouc_wen.beta",)), (sharp, ()),

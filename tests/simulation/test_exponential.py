@@ -43,9 +43,9 @@ from piezo_opt.simulation import Simulator, Substeps, exponential
 from piezo_opt.simulation.exponential import (
     LENGTHS,
     LinearPart,
-    _split,
     linear_part,
     longest,
+    split,
     weights,
 )
 from piezo_opt.values import Values
@@ -210,7 +210,7 @@ def test_a_negative_rate_is_taken_apart() -> None:
     x, p = ca.SX.sym("x"), ca.SX.sym("p")
     one = -(x * p)
     assert one.is_op(ca.OP_NEG)
-    slopes, rest = _split(one, {0: x}, x, x)
+    slopes, rest = split(one, {0: x}, x, x)
     assert float(ca.evalf(ca.substitute(slopes[0], p, 3.0))) == -3.0
     assert float(ca.evalf(rest)) == 0.0
 

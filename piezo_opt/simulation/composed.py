@@ -1,0 +1,364 @@
+"""Running a model that is composed of compiled functions (see ``core.c``)."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.assembly import System
+from piezo_opt.errors import ModelError
+from piezo_opt.simulation.compose import Composition, NotComposable, Operation, compose
+from piezo_opt.simulation.exponential import reach
+from piezo_opt.simulation.library import GENERIC, Functions, Library, catalogue, functions_of
+from piezo_opt.simulation.runs import Ceiling, Run
+from piezo_opt.simulation.schedule import Segment
+from piezo_opt.simulation.scheme import INITIAL
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int32]
+
+_LISTS: Final = ("once", "weigh", "stage", "reading", "jump", "start")
+_WHOLE: Final = ctypes.c_int64
+_POINTER: Final = ctypes.c_void_p
+
+
+class _List(ctypes.Structure):
+    _fields_ = [("first", _WHOLE), ("count", _WHOLE)]
+
+
+class _Plan(ctypes.Structure):
+    """``po_plan`` in ``core.c``."""
+
+    _fields_ = [
+        *((name, _POINTER) for name in (
+            "operations", "slots", "constants", "constant", "moving", "rates", "plain", "jumping",
+            "after", "blocks",
+        )),
+        *((name, _List) for name in _LISTS),
+        *((name, _WHOLE) for name in (
+            "count", "kept_plain", "kept_moved", "states", "parameters", "channels", "n_constants",
+            "n_moving", "n_plain", "n_jumping", "n_blocks", "n_weights", "time", "drive", "slope",
+            "channel", "channel_slope", "state", "parameter", "deviation", "length", "weights",
+            "read",
+        )),
+    ]  # fmt: skip
+
+
+class _Segments(ctypes.Structure):
+    _fields_ = [
+        (name, _POINTER)
+        for name in ("h", "nsub", "t", "u", "du", "c", "dc", "ht", "ut", "tt", "ct", "obs")
+    ]
+
+
+class _Wanted(ctypes.Structure):
+    _fields_ = [
+        ("p", _POINTER), ("moves", _POINTER), ("clocks", _POINTER), ("d", ctypes.c_long),
+        *((name, _POINTER) for name in ("x", "s", "y", "j", "xo", "m")), ("most", ctypes.c_double),
+    ]  # fmt: skip
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Program:
+    """A composed model, ready to run: the plan, and the arrays that it points to."""
+
+    system: System
+    composition: Composition
+    plan: _Plan
+    core: ctypes.CDLL
+    held: tuple[Any, ...]
+
+    @property
+    def blocks(self) -> int:
+        """Number of linear blocks."""
+        return len(self.composition.blocks)
+
+    def matrix(self, parameters: FloatArray) -> FloatArray:
+        """The linear blocks L (n, n) [1/s]."""
+        return self._slopes(parameters, None)[0]
+
+    def slopes(
+        self,
+        time: float,
+        x: FloatArray,
+        drive: float,
+        slope: float,
+        channels: FloatArray,
+        channel_slopes: FloatArray,
+        parameters: FloatArray,
+    ) -> FloatArray:
+        """Derivatives (n, n) [1/s] of the rates less their linear blocks by the states."""
+        at = time, x, drive, slope, channels, channel_slopes
+        return self._slopes(parameters, at)[1]
+
+    def _slopes(self, parameters: FloatArray, at: Any) -> tuple[FloatArray, FloatArray]:
+        n = len(self.system.state_names)
+        matrix, slopes = np.zeros((n, n)), np.zeros((n, n))
+        time, x, drive, slope, channels, channel_slopes = at or (0.0, None, 0.0, 0.0, None, None)
+        arrays = [np.ascontiguousarray(a, dtype=float) for a in (
+            channels if at else [], channel_slopes if at else [], parameters, x if at else [],
+        )]  # fmt: skip
+        self.core.po_slopes(
+            ctypes.byref(self.plan), time, drive, slope, *(a.ctypes.data for a in arrays),
+            matrix.ctypes.data, slopes.ctypes.data if at else None,
+        )  # fmt: skip
+        return matrix, slopes
+
+    def longest(self, parameters: FloatArray) -> float:
+        """The longest sub-step [s] over which the blocks are as good as exact."""
+        blocks = [(block.states, block.heard) for block in self.composition.blocks]
+        return reach(self.matrix(parameters), blocks) if blocks else np.inf
+
+    def at_rest(
+        self, time: float, drive: float, channels: FloatArray, parameters: FloatArray
+    ) -> FloatArray:
+        """States (n,) at rest."""
+        return self.start((time, drive, channels), parameters, None, None)[0]
+
+    def start(
+        self,
+        at: tuple[float, float, FloatArray],
+        parameters: FloatArray,
+        deviation: FloatArray | None,
+        begins: IntArray | None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """States (n,) at rest plus a deviation, and their derivatives by directions (n, k).
+
+        Args:
+            at: time, drive and channels.
+            parameters: of the model.
+            deviation: (n,), none unless given.
+            begins: slot that each direction moves, none unless given.
+        """
+        n = len(self.system.state_names)
+        k = 0 if begins is None else begins.size
+        p = vector(parameters, len(self.system.parameter_names))
+        d = np.zeros(n) if deviation is None else vector(deviation, n)
+        when, drive = np.full(1, at[0]), np.full(1, at[1])
+        beside = vector(at[2], len(self.system.channel_names))
+        x, s = np.empty(n), np.zeros((n, k))
+        checked(self.core.po_start(
+            ctypes.byref(self.plan), when.ctypes.data, drive.ctypes.data, beside.ctypes.data,
+            p.ctypes.data, d.ctypes.data, None if begins is None else begins.ctypes.data, k,
+            x.ctypes.data, s.ctypes.data,
+        ))  # fmt: skip
+        return x, s
+
+    @property
+    def delay(self) -> Callable[[FloatArray], float] | None:
+        """How much the chain lags at given parameters [s]; None without a delay."""
+        constant = self.composition.delay
+        if constant is None:
+            return None
+        places = [self.system.parameter_names.index(n) for n in self.composition.clocks]
+        return lambda parameters: constant + float(sum(parameters[i] for i in places))
+
+
+def program(system: System, exact: bool) -> Program | None:
+    """A model composed of compiled functions; None where it cannot be."""
+    library = catalogue()
+    return None if library is None else _program(system, exact, library)
+
+
+@lru_cache(maxsize=4096)
+def _program(system: System, exact: bool, library: Library) -> Program | None:
+    found: dict[str, Functions] = {}
+    try:
+        for name, effect in system.model:
+            runtime = frozenset(
+                k for k, p in effect.parameters.items()
+                if system.constants.get(f"{name}.{k}") != p.nominal
+            )  # fmt: skip
+            functions = functions_of(effect, runtime)
+            if functions is None:
+                return None
+            found[name] = functions
+        composition = compose(system, {n: f.form for n, f in found.items()}, exact)
+    except (NotComposable, ModelError, NotImplementedError):
+        # Either it needs a program of its own, or the assembler says what is wrong.
+        return None
+    return _planned(system, composition, found, library)
+
+
+def _planned(
+    system: System,
+    composition: Composition,
+    found: dict[str, Functions],
+    library: Library,
+) -> Program:
+    core = library.loaded
+    addresses = {symbol: pair for f in found.values() for symbol, pair in f.addresses.items()}
+    kept_by = {p.symbol: p.kept for f in found.values() for p in f.form.parts.values()}
+    nothing = _address(core, "po_nothing")
+    rows: list[tuple[int, ...]] = []
+    slots: list[int] = []
+    plain_numbers = moved_numbers = 0
+    bounds = {}
+    for name in _LISTS:
+        operations: Sequence[Operation] = composition.lists[name]
+        bounds[name] = _List(len(rows), len(operations))
+        for one in operations:
+            if one.symbol in GENERIC:
+                itself = (nothing, _address(core, one.symbol))
+                pair, kept = (itself, itself), (0, 0)
+            elif one.symbol in addresses:
+                pair, kept = addresses[one.symbol], kept_by[one.symbol]
+            else:
+                pair, kept = library.address(one.symbol), (0, 0)
+            rows.append((*pair[0], *pair[1], len(slots), plain_numbers, moved_numbers))
+            slots += one.slots
+            plain_numbers += _WIDE * -(-kept[0] // _WIDE)
+            moved_numbers += _WIDE * -(-kept[1] // _WIDE)
+    moving = list(composition.rates)
+    at = {state: i for i, state in enumerate(moving)}
+    among = {i for block in composition.blocks for i in block.states}
+    blocks = []
+    weights = 0
+    for block in composition.blocks:
+        size = len(block.states)
+        blocks.append((
+            size, *_filled([at[i] for i in block.states], 2),
+            *_filled([int(q) for q in block.quiet], 2), *_filled(block.matrix, 4), weights,
+        ))  # fmt: skip
+        weights += 6 * size * size
+    ints = {
+        "slots": slots, "constants": list(composition.constants), "moving": moving,
+        "rates": list(composition.rates.values()), "jumping": list(composition.after),
+        "after": list(composition.after.values()),
+        "plain": [i for i, state in enumerate(moving) if state not in among],
+    }  # fmt: skip
+    arrays: dict[str, NDArray[Any]] = {k: np.array(v, dtype=np.int32) for k, v in ints.items()}
+    arrays["operations"] = np.array(rows, dtype=np.int64)
+    arrays["blocks"] = np.array(blocks, dtype=np.int64)
+    arrays["constant"] = np.array(list(composition.constants.values()), dtype=float)
+    counts = {
+        "count": composition.count, "kept_plain": plain_numbers, "kept_moved": moved_numbers,
+        "states": len(system.state_names), "parameters": len(system.parameter_names),
+        "channels": len(system.channel_names), "n_constants": len(composition.constants),
+        "n_moving": len(moving), "n_plain": len(ints["plain"]),
+        "n_jumping": len(ints["jumping"]), "n_blocks": len(blocks), "n_weights": weights,
+        "read": composition.read, **composition.first,
+    }  # fmt: skip
+    plan = _Plan(**{k: a.ctypes.data for k, a in arrays.items()}, **bounds, **counts)
+    return Program(system, composition, plan, _typed(core), (arrays, found))
+
+
+_WIDE: Final = 8
+"""Numbers of a cache line."""
+
+
+def _filled(numbers: Sequence[int], size: int) -> list[int]:
+    return [*numbers, *[0] * (size - len(numbers))]
+
+
+def _address(core: ctypes.CDLL, symbol: str) -> int:
+    return ctypes.cast(getattr(core, symbol), ctypes.c_void_p).value or 0
+
+
+def _typed(core: ctypes.CDLL) -> ctypes.CDLL:
+    core.po_run.argtypes = [_POINTER, ctypes.c_long, _POINTER, _POINTER]
+    core.po_start.argtypes = [*[_POINTER] * 7, ctypes.c_long, *[_POINTER] * 2]
+    core.po_slopes.argtypes = [_POINTER, *[ctypes.c_double] * 3, *[_POINTER] * 6]
+    return core
+
+
+@final
+class ComposedEngine:
+    """A composed model with its directions, called through ctypes (which releases the lock)."""
+
+    compiled = True
+
+    def __init__(self, program: Program, directions: Sequence[str]) -> None:
+        self._program = program
+        self._core = program.core
+        self._plan = ctypes.byref(program.plan)
+        system, first = program.system, program.composition.first
+        places = {name: first["parameter"] + i for i, name in enumerate(system.parameter_names)}
+        starts = {
+            INITIAL + name: first["deviation"] + i for i, name in enumerate(system.state_names)
+        }
+        known = places | starts
+        for name in directions:
+            if name not in known:
+                raise ModelError(
+                    f"'{name}' is neither a free parameter nor an initial state of the model; "
+                    f"parameters: {', '.join(system.parameter_names)}."
+                )
+        self._begins = np.array([known[n] for n in directions], dtype=np.int32)
+        self._moves = np.array([places.get(n, -1) for n in directions], dtype=np.int32)
+        clocks = np.array([n in program.composition.clocks for n in directions], dtype=np.int32)
+        self._clocks = clocks if clocks.any() else None
+        self._shape = len(system.state_names), len(directions)
+        self._parameters = len(system.parameter_names)
+
+    def start(
+        self, segment: Segment, parameters: FloatArray, deviation: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """States (n,) and their sensitivities (n, k) at rest, plus a deviation (n,)."""
+        at = float(segment.time[0]), float(segment.drive[0]), segment.channels[0]
+        return self._program.start(at, parameters, deviation, self._begins)
+
+    def run(
+        self,
+        segment: Segment,
+        substeps: IntArray,
+        parameters: FloatArray,
+        start: FloatArray,
+        start_sensitivities: FloatArray,
+        *,
+        states: bool = False,
+        ceiling: Ceiling | None = None,
+    ) -> Run:
+        """Simulate."""
+        count, (n, k) = segment.readings, self._shape
+        p = vector(parameters, self._parameters)
+        x = vector(start, n).copy()
+        s = np.array(start_sensitivities, dtype=float, order="C")
+        cut = np.ascontiguousarray(substeps, dtype=np.int32)
+        if s.shape != (n, k) or cut.shape != segment.length.shape:
+            raise ValueError(f"sensitivities {s.shape}, sub-steps {cut.shape}: wrong shape")
+        y, j = np.full(count, np.nan), np.empty((count, k))
+        xs = np.empty((count, n)) if states else None
+        measured, most = None, np.inf
+        if ceiling is not None:
+            measured, most = vector(ceiling.measured, count), ceiling.squares
+        at = segment.addresses
+        along = _Segments(
+            at.length, cut.ctypes.data, at.time, at.drive, at.slope, at.channels,
+            at.channel_slopes, at.length_by_delay, at.drive_by_delay, at.time_by_delay,
+            at.channels_by_delay, at.reading,
+        )  # fmt: skip
+        wanted = _Wanted(
+            p.ctypes.data, self._moves.ctypes.data,
+            None if self._clocks is None else self._clocks.ctypes.data, k, x.ctypes.data,
+            s.ctypes.data, y.ctypes.data, j.ctypes.data, None if xs is None else xs.ctypes.data,
+            None if measured is None else measured.ctypes.data, most,
+        )  # fmt: skip
+        checked(self._core.po_run(
+            self._plan, segment.length.size, ctypes.byref(along), ctypes.byref(wanted)
+        ))  # fmt: skip
+        return Run(y, j, xs, x, s)
+
+
+def checked(failed: int) -> None:
+    if failed:
+        raise MemoryError("the simulation finds no memory")
+
+
+def vector(given: FloatArray, size: int) -> FloatArray:
+    """An array that a C program may trust the pointer of.
+
+    Raises:
+        ValueError: it has another shape.
+    """
+    found = np.ascontiguousarray(given, dtype=float)
+    if found.shape != (size,):
+        raise ValueError(f"a vector of {size} numbers is needed, not of shape {found.shape}")
+    return found

@@ -1,0 +1,292 @@
+"""One form of an effect as a few functions of named numbers, for models composed of them.
+
+What an effect gives its place, how fast that changes, how its states move, start and jump: each is
+an expression of the signals that it reads, its states and its parameters. What is a signal itself,
+or zero, is no function but a name. The rest is written as functions, each with its derivatives by
+every number that it reads, and with what is linear in it: coefficients that the parameters alone
+decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final, final
+
+import casadi as ca
+
+from piezo_opt.effects.base import Chain, Effect, Equations, Signal, Symbols
+from piezo_opt.errors import ModelError
+from piezo_opt.simulation.exponential import split
+
+PARAMETER: Final = "p:"
+STATE: Final = "x:"
+CHANNEL: Final = "channel:"
+RATE: Final = "'"
+"""Ends the name of a number's rate."""
+
+
+@final
+@dataclass(frozen=True)
+class Term:
+    """One number that an effect says.
+
+    Attributes:
+        kind: ``"number"``, ``"same"`` as a named number, or the name of a function of the form.
+        name: of the number that it is the same as.
+        value: the number, or the sign of the same one.
+        index: which of the function's outputs.
+    """
+
+    kind: str
+    name: str = ""
+    value: float = 0.0
+    index: int = 0
+
+
+@final
+@dataclass(frozen=True)
+class Part:
+    """A function of a form.
+
+    Attributes:
+        inputs: names of what it reads, parameters first.
+        outputs: how many numbers it says.
+        needs: for each output the inputs that it follows.
+        linear: for each output the coefficient of each input that it holds a multiple of.
+        symbol: name of its C functions.
+        kept: numbers that its preparation keeps, without and with derivatives.
+    """
+
+    inputs: tuple[str, ...]
+    outputs: int
+    needs: tuple[tuple[str, ...], ...]
+    linear: tuple[Mapping[str, Term], ...]
+    symbol: str = ""
+    kept: tuple[int, int] = (0, 0)
+
+
+@final
+@dataclass(frozen=True)
+class Form:
+    """What an effect says, by name.
+
+    Attributes:
+        parts: its functions.
+        gives: what it gives its place.
+        rate: the rate of that.
+        moves, starts, becomes: of its states, one term an element.
+        inertia: as in :class:`piezo_opt.effects.base.Equations`.
+        delays: the same.
+    """
+
+    parts: Mapping[str, Part]
+    gives: Term
+    rate: Term
+    moves: Mapping[str, tuple[Term, ...]]
+    starts: Mapping[str, tuple[Term, ...]]
+    becomes: Mapping[str, tuple[Term, ...]]
+    inertia: Term
+    delays: Term
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Written:
+    """A function of a form as expressions: parameters p and others z to outputs and derivatives.
+
+    Attributes:
+        plain: ``(p, z) -> outputs``.
+        moved: ``(p, z) -> (outputs, derivatives)``, those that are not zero.
+        places: output and input (parameters first) of each derivative.
+    """
+
+    plain: ca.Function
+    moved: ca.Function
+    places: tuple[tuple[int, int], ...]
+
+
+def elements(name: str, size: int) -> tuple[str, ...]:
+    """Names of a state's elements."""
+    return (name,) if size == 1 else tuple(f"{name}[{i}]" for i in range(size))
+
+
+def common(effect: Effect) -> Effect:
+    """The form that shares an effect's functions: options that only hold a number do not matter."""
+    given = {p.given for p in effect.parameters.values() if p.given}
+    plain: Any = type(effect)
+    defaults = {f.name: f.default for f in fields(plain) if f.name in given}
+    changed: Any = replace(effect, **defaults) if given else effect  # type: ignore[type-var]
+    return changed if isinstance(changed, Effect) else effect
+
+
+def changeable(effect: Effect) -> frozenset[str]:
+    """Parameters that are numbers of a form's code unless they are asked for."""
+    return frozenset(k for k, p in effect.parameters.items() if p.fixed and not p.given)
+
+
+def written(effect: Effect, runtime: frozenset[str]) -> tuple[Form, dict[str, Written]]:
+    """The functions of an effect.
+
+    Args:
+        effect: with its options.
+        runtime: fixed parameters that are not numbers of the code.
+
+    Raises:
+        ModelError: the equations are not those of the declared states.
+    """
+    return _Writer(effect, runtime).form()
+
+
+@final
+class _Writer:
+    def __init__(self, effect: Effect, runtime: frozenset[str]) -> None:
+        self._symbols: dict[str, ca.SX] = {}
+        self._parts: dict[str, Part] = {}
+        self._written: dict[str, Written] = {}
+        self._effect = effect
+        folded = changeable(effect) - runtime
+        self._p = {
+            k: ca.SX(p.nominal) if k in folded else self._symbol(PARAMETER + k)
+            for k, p in effect.parameters.items()
+        }
+        self._x = {
+            k: ca.vertcat(*(self._symbol(STATE + name) for name in elements(k, size)))
+            for k, size in effect.states.items()
+        }
+        incoming = self._signal("incoming" if effect.place.is_line else "drive")
+        channels = [n.removeprefix(CHANNEL) for n in effect.requires if n.startswith(CHANNEL)]
+        self._chain = Chain(
+            time=self._symbol("time"),
+            command=self._signal("command"),
+            incoming=incoming,
+            drive=self._signal("drive"),
+            hysteresis=self._symbol("hysteresis"),
+            law=self._symbol("law"),
+            free=self._signal("free"),
+            position=self._signal("position"),
+            acceleration=self._symbol("acceleration"),
+            channels={name: self._signal(CHANNEL + name) for name in channels},
+        )
+
+    def _symbol(self, name: str) -> ca.SX:
+        return self._symbols.setdefault(name, ca.SX.sym(name))
+
+    def _signal(self, name: str) -> Signal:
+        return Signal(self._symbol(name), self._symbol(name + RATE))
+
+    def form(self) -> tuple[Form, dict[str, Written]]:
+        said: Equations = self._effect.equations(
+            self._chain, Symbols(**self._x), Symbols(**self._p)
+        )
+        for what in (said.moves, said.starts, said.becomes):
+            for state in what:
+                if state not in self._effect.states:
+                    raise ModelError(f"'{state}' is not a declared state")
+        gives = ca.SX(said.gives)
+        by_time = [n for n in self._symbols if _moves(n)]
+        rates = [ca.SX(1.0) if n == "time" else self._symbol(n + RATE) for n in by_time]
+        rate = ca.jtimes(
+            gives, ca.vertcat(*(self._symbols[n] for n in by_time)), ca.vertcat(*rates)
+        )
+        form = Form(
+            parts=self._parts,
+            gives=self._terms("gives", gives)[0],
+            rate=self._terms("rate", rate)[0],
+            moves=self._columns("moves", said.moves),
+            starts=self._columns("starts", said.starts, apart=True),
+            becomes=self._columns("becomes", said.becomes),
+            inertia=self._terms("inertia", ca.SX(said.inertia))[0],
+            delays=self._terms("delays", ca.SX(said.delays))[0],
+        )
+        return form, self._written
+
+    def _columns(
+        self, kind: str, said: Mapping[str, Any], apart: bool = False
+    ) -> dict[str, tuple[Term, ...]]:
+        columns = {}
+        for state, expression in said.items():
+            column, size = ca.SX(expression), self._effect.states[state]
+            if column.numel() == 1:
+                column = ca.repmat(column, size, 1)
+            elif column.numel() != size:
+                raise ModelError(f"'{state}' has {size} elements")
+            columns[state] = ca.reshape(column, size, 1)
+        if apart:
+            return {k: self._terms(f"{kind} {k}", column) for k, column in columns.items()}
+        terms = iter(self._terms(kind, ca.vertcat(*columns.values())))
+        return {k: tuple(next(terms) for _ in range(c.numel())) for k, c in columns.items()}
+
+    def _terms(self, kind: str, column: ca.SX, structure: bool = True) -> tuple[Term, ...]:
+        """What a column of expressions says, and as its part what is not said otherwise."""
+        terms: list[Term | None] = []
+        left: list[ca.SX] = []
+        for one in ca.vertsplit(ca.densify(column)) if column.numel() else ():
+            plain = self._named(one)
+            if plain is None:
+                plain = Term(kind, index=len(left))
+                left.append(one)
+            terms.append(plain)
+        if left:
+            self._part(kind, left, structure)
+        return tuple(t for t in terms if t is not None)
+
+    def _named(self, one: ca.SX) -> Term | None:
+        """A number, or a named one with its sign; None for anything else."""
+        if one.is_constant():
+            return Term("number", value=float(one))
+        sign = 1.0
+        while one.is_op(ca.OP_NEG):
+            one, sign = one.dep(0), -sign
+        return Term("same", one.name(), sign) if one.is_symbolic() else None
+
+    def _part(self, kind: str, outputs: Sequence[ca.SX], structure: bool) -> None:
+        column = ca.vertcat(*outputs)
+        names = {s.name() for s in ca.symvar(column)}
+        parameters = [n for n in self._symbols if n in names and n.startswith(PARAMETER)]
+        others = [n for n in self._symbols if n in names and not n.startswith(PARAMETER)]
+        inputs = (*parameters, *others)
+        p = ca.vertcat(*(self._symbols[n] for n in parameters)) if parameters else ca.SX(0, 1)
+        z = ca.vertcat(*(self._symbols[n] for n in others)) if others else ca.SX(0, 1)
+        slopes = ca.jacobian(column, ca.vertcat(p, z))
+        rows, columns = slopes.sparsity().get_triplet()
+        every = [slopes.nz[i] for i in range(slopes.nnz())]
+        told = [
+            (place, entry)
+            for place, entry in zip(zip(rows, columns, strict=True), every, strict=True)
+            if not entry.is_zero()
+        ]
+        entries = [entry for _, entry in told]
+        derivatives = ca.vertcat(*entries) if entries else ca.SX(0, 1)
+        self._written[kind] = Written(
+            ca.Function("po_plain", [p, z], [ca.cse(column)]),
+            ca.Function("po_moved", [p, z], ca.cse([column, derivatives])),
+            tuple(place for place, _ in told),
+        )
+        linear: list[Mapping[str, Term]] = [{}] * len(outputs)
+        if structure and others:
+            linear = self._linear(kind, outputs, others, z)
+        needs = tuple(
+            tuple(n for n in inputs if n in {s.name() for s in ca.symvar(one)}) for one in outputs
+        )
+        self._parts[kind] = Part(inputs, len(outputs), needs, tuple(linear))
+
+    def _linear(
+        self, kind: str, outputs: Sequence[ca.SX], others: Sequence[str], z: ca.SX
+    ) -> list[Mapping[str, Term]]:
+        wanted = {i: self._symbols[n] for i, n in enumerate(others)}
+        found = [split(one, wanted, z, z)[0] for one in outputs]
+        told = [(i, j, slope) for i, one in enumerate(found) for j, slope in one.items()]
+        terms = self._terms(f"linear {kind}", ca.vertcat(*(s for *_, s in told)), structure=False)
+        linear: list[dict[str, Term]] = [{} for _ in outputs]
+        for (i, j, _), term in zip(told, terms, strict=True):
+            if not (term.kind == "number" and term.value == 0.0):
+                linear[i][others[j]] = term
+        return list(linear)
+
+
+def _moves(name: str) -> bool:
+    """Whether the rate of a named number is known; where it is not, the number counts as steady."""
+    if name.startswith(PARAMETER) or name in ("law", "acceleration"):
+        return False
+    return not name.endswith(RATE) or name == "position" + RATE

@@ -1,0 +1,295 @@
+"""The functions of all effects, compiled once into one library, and those of a user's own effect.
+
+The library of the catalogue is built where its functions are asked for first: a form of an effect
+is a few small functions, written out in several texts that are compiled side by side. It is kept
+by the hash of all that it follows from, and holds the description of its functions itself. Forms
+that are in no catalogue (an own effect, an unusual number of elements) get a small library each.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import sys
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
+from importlib import metadata, resources
+from typing import Any, Final, final
+
+import casadi as ca
+
+from piezo_opt.assembly import ORIGIN
+from piezo_opt.effects.base import Effect
+from piezo_opt.effects.catalogue import CATALOGUE
+from piezo_opt.keeping import digest
+from piezo_opt.simulation.compiler import find_compiler, load
+from piezo_opt.simulation.compose import PRODUCT, QUOTIENT, SUM, WEIGHTS
+from piezo_opt.simulation.exponential import weights
+from piezo_opt.simulation.forms import Form, Part, Term, Written, changeable, common, written
+from piezo_opt.simulation.functions import c_functions
+from piezo_opt.simulation.powers import POWERS
+from piezo_opt.symbolic import one_at_a_time
+
+WRITERS: Final = (
+    "core.h", "core.c", "exponential.py", "forms.py", "functions.py", "instructions.py", "quick.py",
+    "emit.py", "powers.py", "library.py",
+)  # fmt: skip
+"""Files of this folder that a library follows from."""
+_TEXT: Final = 60_000
+"""Letters of one text: some tenths of a second of a compiler."""
+
+Address = tuple[int, int]
+"""Of a function's preparation and of the function."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Functions:
+    """Functions in memory.
+
+    Attributes:
+        form: the form that they are of.
+        addresses: of the two functions of every symbol, without and with derivatives.
+    """
+
+    form: Form
+    addresses: Mapping[str, tuple[Address, Address]]
+
+
+@final
+class Library:
+    """A loaded library of functions, with the forms that they are of."""
+
+    def __init__(self, loaded: ctypes.CDLL) -> None:
+        self.loaded = loaded
+        text = ctypes.string_at(ctypes.addressof(ctypes.c_char.in_dll(loaded, "po_forms")))
+        self._told: dict[str, Any] = json.loads(text)
+        self._functions: dict[str, Functions] = {}
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._told
+
+    def functions(self, key: str) -> Functions:
+        """Those of a form."""
+        if key not in self._functions:
+            form = _form(self._told[key])
+            found = {p.symbol: self.address(p.symbol) for p in form.parts.values()}
+            self._functions[key] = Functions(form, found)
+        return self._functions[key]
+
+    def address(self, symbol: str) -> tuple[Address, Address]:
+        """Where a function is."""
+        pair = ctypes.c_void_p * 2
+        plain, moved = (pair.in_dll(self.loaded, f"{symbol}_{end}_f") for end in "pm")
+        return (plain[0] or 0, plain[1] or 0), (moved[0] or 0, moved[1] or 0)
+
+
+def catalogue() -> Library | None:
+    """The library of all effects of the catalogue; None where it cannot be built."""
+    compiler = find_compiler()
+    return None if compiler is None else _catalogue_of(compiler)
+
+
+@cache
+def _catalogue_of(_compiler: str) -> Library | None:
+    loaded = load(_origin(), _write_catalogue, _Progress().say)
+    return None if loaded is None else Library(loaded)
+
+
+def functions_of(effect: Effect, runtime: frozenset[str]) -> Functions | None:
+    """The functions of an effect; None where they cannot be had.
+
+    Args:
+        effect: with its options.
+        runtime: fixed parameters that have to be changeable.
+
+    Raises:
+        ModelError: as :func:`piezo_opt.simulation.forms.written`.
+    """
+    library = catalogue()
+    if library is None:
+        return None
+    form = common(effect)
+    wanted = runtime & changeable(form)
+    known = type(form)
+    if CATALOGUE.get(form.name) is known:
+        for some in _choices(form):
+            if wanted <= some and (key := _key(form, some)) in library:
+                return library.functions(key)
+    own = _own(form, wanted)
+    return None if own is None else own.functions("own")
+
+
+@lru_cache(maxsize=512)
+@one_at_a_time
+def _own(form: Effect, runtime: frozenset[str]) -> Library | None:
+    """A small library of one form."""
+    text = _texts({"own": (form, runtime)}, {})
+    loaded = load("".join(text.values()), lambda _: text)
+    return None if loaded is None else Library(loaded)
+
+
+def _key(form: Effect, runtime: frozenset[str]) -> str:
+    # Equations that have been replaced are not those of the catalogue.
+    code = type(form).equations.__code__.co_code
+    return f"{form!r} {sorted(runtime)} {digest(code)}"
+
+
+def _choices(form: Effect) -> list[frozenset[str]]:
+    """Sets of fixed parameters that a form of the catalogue can have changed; smallest first."""
+    every = changeable(form)
+    found = {frozenset[str](), every, *(frozenset([one]) for one in every)}
+    return sorted(found, key=lambda some: (len(some), sorted(some)))
+
+
+def _catalogue_forms() -> Iterator[tuple[str, tuple[Effect, frozenset[str]]]]:
+    """Every form that a search tries, and the finer ones that it goes on to."""
+    seen: set[Effect] = set()
+    for kind in CATALOGUE.values():
+        plain: Any = kind
+        forms: list[Effect] = [plain(), *(plain(**options) for options in kind.variants)]
+        for form in list(forms):
+            values = {name: p.nominal for name, p in form.parameters.items()}
+            forms.append(form.finer(values)[0])
+        for form in map(common, forms):
+            if form not in seen:
+                seen.add(form)
+                for some in _choices(form):
+                    yield _key(form, some), (form, some)
+
+
+@one_at_a_time
+def _write_catalogue(_: str) -> Mapping[str, str]:
+    return _texts(dict(_catalogue_forms()), _shared())
+
+
+def _texts(
+    forms: Mapping[str, tuple[Effect, frozenset[str]]], shared: Mapping[str, Written]
+) -> dict[str, str]:
+    """C texts of forms by file name, the head that they include among them."""
+    told: dict[str, Any] = {}
+    pieces: list[str] = []
+    for number, (key, (effect, runtime)) in enumerate(forms.items()):
+        form, functions = written(effect, runtime)
+        parts: dict[str, Part] = {}
+        for kind, function in functions.items():
+            symbol = f"po_{number}_{len(parts)}"
+            text, kept = c_functions(symbol, function)
+            pieces.append(text)
+            parts[kind] = replace(form.parts[kind], symbol=symbol, kept=kept)
+        told[key] = _told(replace(form, parts=parts))
+    pieces += [c_functions(symbol, function)[0] for symbol, function in shared.items()]
+    head = _file("core.h") + POWERS
+    units = {f"unit_{i}.c": '#include "head.h"\n' + text for i, text in enumerate(_packed(pieces))}
+    known = json.dumps(json.dumps(told, separators=(",", ":")))
+    units["forms.c"] = f"const char po_forms[] = {known};\n"
+    if shared:
+        units["core.c"] = _file("core.c")
+    return {"core.h": _file("core.h"), "head.h": head, **dict(sorted(units.items()))}
+
+
+def _packed(pieces: Iterable[str]) -> Iterator[str]:
+    """Texts of some length each."""
+    text = ""
+    for piece in pieces:
+        text += piece
+        if len(text) > _TEXT:
+            yield text
+            text = ""
+    if text:
+        yield text
+
+
+def _shared() -> dict[str, Written]:
+    """The weights of linear blocks as functions of their matrix and the length of a sub-step."""
+    found = {}
+    for size, symbol in enumerate(WEIGHTS, start=1):
+        entries, h = ca.SX.sym("L", size * size), ca.SX.sym("h")
+        matrix = ca.reshape(entries, size, size).T
+        by = weights(matrix, h)
+        parts = (by.half, by.half_input, by.whole, by.first, by.middle, by.last)
+        column = ca.vertcat(*(ca.reshape(part.T, -1, 1) for part in map(ca.densify, parts)))
+        z = ca.vertcat(entries, h)
+        slopes = ca.jacobian(column, z)
+        rows, columns = slopes.sparsity().get_triplet()
+        derivatives = ca.vertcat(*(slopes.nz[i] for i in range(slopes.nnz())))
+        none = ca.SX(0, 1)
+        found[symbol] = Written(
+            ca.Function("po_plain", [none, z], [ca.cse(column)]),
+            ca.Function("po_moved", [none, z], ca.cse([column, derivatives])),
+            tuple(zip(rows, columns, strict=True)),
+        )
+    return found
+
+
+def _told(form: Form) -> dict[str, Any]:
+    """A form as plain data."""
+
+    def term(one: Term) -> list[Any]:
+        return [one.kind, one.name, one.value, one.index]
+
+    def columns(of: Mapping[str, Sequence[Term]]) -> dict[str, Any]:
+        return {k: [term(one) for one in terms] for k, terms in of.items()}
+
+    def part(one: Part) -> list[Any]:
+        linear = [{n: term(t) for n, t in of.items()} for of in one.linear]
+        return [one.inputs, one.outputs, one.needs, linear, one.symbol, one.kept]
+
+    parts = {k: part(one) for k, one in form.parts.items()}
+    single = {k: term(getattr(form, k)) for k in _SINGLE}
+    return {"parts": parts, **single, **{k: columns(getattr(form, k)) for k in _COLUMNS}}
+
+
+_SINGLE: Final = ("gives", "rate", "inertia", "delays")
+_COLUMNS: Final = ("moves", "starts", "becomes")
+
+
+def _form(told: Mapping[str, Any]) -> Form:
+    """The form of such data."""
+    parts = {
+        k: Part(
+            tuple(inputs), outputs, tuple(tuple(one) for one in needs),
+            tuple({n: Term(*t) for n, t in one.items()} for one in linear), symbol, tuple(kept),
+        )
+        for k, (inputs, outputs, needs, linear, symbol, kept) in told["parts"].items()
+    }  # fmt: skip
+    gives, rate, inertia, delays = (Term(*told[k]) for k in _SINGLE)
+    moves, starts, becomes = (
+        {n: tuple(Term(*t) for t in terms) for n, terms in told[k].items()} for k in _COLUMNS
+    )
+    return Form(parts, gives, rate, moves, starts, becomes, inertia, delays)
+
+
+def _file(name: str) -> str:
+    return resources.files(__package__).joinpath(name).read_text()
+
+
+@cache
+def _origin() -> str:
+    """All that the library of the catalogue follows from."""
+    texts = "".join(_file(name) for name in WRITERS)
+    return f"{metadata.version('casadi')} {ORIGIN} {digest(texts.encode())}"
+
+
+@final
+class _Progress:
+    """A line on a terminal about the one thing that takes long."""
+
+    def __init__(self) -> None:
+        self._began = time.monotonic()
+
+    def say(self, done: int, every: int) -> None:
+        if sys.stderr.isatty():
+            spent = time.monotonic() - self._began
+            end = "\n" if done == every else ""
+            sys.stderr.write(
+                f"\rCompiling the effects, once for this machine: {done} of {every} "
+                f"({spent:.0f} s){end}"
+            )
+            sys.stderr.flush()
+
+
+GENERIC: Final = (SUM, PRODUCT, QUOTIENT)
+"""Functions of the core itself."""

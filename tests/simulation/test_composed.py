@@ -1,0 +1,278 @@
+"""Composed models: the numbers of the whole expressions, for every form of every effect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from piezo_opt.assembly import System, folded, named
+from piezo_opt.effects import (
+    AmplifierLag,
+    BoucWen,
+    Chain,
+    Creep,
+    Dahl,
+    Delay,
+    Effect,
+    Equations,
+    Friction,
+    LoadMass,
+    MaxwellSlip,
+    Model,
+    Offset,
+    Parameter,
+    PiezoGain,
+    Place,
+    PrandtlIshlinskii,
+    SecondMode,
+    SecondOrder,
+    SensorLag,
+    Spring,
+    State,
+)
+from piezo_opt.effects.catalogue import CATALOGUE
+from piezo_opt.measurement import Measurement
+from piezo_opt.simulation import INITIAL, Simulator, Substeps, library
+from piezo_opt.simulation.compiler import find_compiler
+from piezo_opt.simulation.composed import ComposedEngine, program
+from piezo_opt.simulation.dynamics import Whole
+from piezo_opt.simulation.engine import VirtualMachine, engine
+from piezo_opt.simulation.exponential import linear_part
+from piezo_opt.simulation.runs import Run
+from piezo_opt.simulation.schedule import Segment, corners, segments
+from piezo_opt.simulation.scheme import scheme
+from piezo_opt.values import Values
+
+pytestmark = pytest.mark.skipif(find_compiler() is None, reason="compiles C: no compiler")
+
+FloatArray = NDArray[np.float64]
+
+TIME = np.arange(60) * 1e-4
+DRIVE = 40.0 + 45.0 * np.sin(2 * np.pi * 300 * TIME) * np.sin(2 * np.pi * 90 * TIME + 0.3)
+RECORD = Measurement(
+    TIME, DRIVE, 1e-7 * DRIVE, name="x", channels={"temperature": 300.0 + 2e3 * TIME}
+)
+GAIN = Model.of(PiezoGain())
+BASES = (
+    GAIN + BoucWen(),
+    GAIN + BoucWen() + SecondOrder(),
+    GAIN + PrandtlIshlinskii() + SecondOrder() + SensorLag(),
+    GAIN + Dahl() + AmplifierLag() + Creep() + SecondOrder() + LoadMass() + Delay(),
+)
+READING, STATES, SLOPES = 1e-12, 1e-11, 1e-9
+"""Shares of the range that the numbers may differ by: along a swinging chain rounding grows with
+the phase, and in its derivatives the more."""
+
+
+def forms() -> list[Effect]:
+    """Every form of every effect, and the finer ones that a search goes on to."""
+    found: list[Effect] = []
+    for kind in CATALOGUE.values():
+        plain: Any = kind
+        tried = [plain(), *(plain(**options) for options in kind.variants)]
+        nominal = {name: p.nominal for name, p in tried[0].parameters.items()}
+        found += [*tried, tried[0].finer(nominal)[0]]
+    return list(dict.fromkeys(found))
+
+
+def drawn(model: Model, rng: np.random.Generator) -> dict[str, float]:
+    """Values within what is typical, a resonance slow enough for the sub-steps."""
+    values = {}
+    for name, p in model.parameters.items():
+        values[name] = p.nominal
+        if name.endswith("omega"):
+            values[name] = rng.uniform(2e3, 6e3)
+        elif p.typical is not None and not p.fixed:
+            low, high = p.typical
+            values[name] = low + (high - low) * rng.uniform(0.2, 0.8)
+    return values
+
+
+def with_base(effect: Effect) -> list[Model]:
+    """The effect in every base that it can be added to."""
+    found = []
+    for base in BASES:
+        flagged = {
+            role
+            for _, one in [*base, ("", effect)]
+            for state in one.declared_states.values()
+            for role in ("loop", "position")
+            if getattr(state, role)
+        }
+        twice = [
+            role for role in flagged
+            if sum(any(getattr(s, role) for s in e.declared_states.values())
+                   for e in (*(e for _, e in base), effect)) > 1
+        ]  # fmt: skip
+        if twice or (effect.structural and effect.name in base):
+            continue
+        model = base + effect
+        if all(model.refusal(one, ("temperature",)) is None for _, one in model):
+            found.append(model)
+    return found
+
+
+def time_axis(system: System, p: FloatArray) -> Segment:
+    made = program(system, exact=True)
+    assert made is not None
+    drive = corners(RECORD, system.channel_names)
+    if made.delay is None:
+        return drive.sampled.even
+    return segments(drive, RECORD.time - RECORD.time[0], made.delay(p)).even
+
+
+def compared(
+    model: Model, values: Mapping[str, float], *, exact: bool, runtime: Sequence[str] = ()
+) -> None:
+    """Compare the composed model and the whole expressions, with all directions."""
+    system = named(model, folded(model, runtime))
+    directions = (*system.parameter_names, *(INITIAL + n for n in system.state_names))
+    p = np.array([values[name] for name in system.parameter_names])
+    axis = time_axis(system, p)
+    composed = engine(system, directions, exact=exact)
+    assert isinstance(composed, ComposedEngine)
+    whole = VirtualMachine(scheme(system, directions, exact))
+    unmoved = np.zeros(len(system.state_names))
+    (x, s), (x_whole, s_whole) = (e.start(axis, p, unmoved) for e in (composed, whole))
+    np.testing.assert_allclose(x, x_whole, rtol=1e-12, atol=1e-20)
+    np.testing.assert_allclose(s, s_whole, rtol=1e-9, atol=1e-20)
+    cut = Substeps(2.5e-5, 1e3, exact=exact).of(axis)
+    one, other = (e.run(axis, cut, p, x_whole, s_whole, states=True) for e in (composed, whole))
+    same(model, directions, one, other)
+
+
+def close(found: FloatArray, expected: FloatArray, share: float, sizes: FloatArray) -> None:
+    """Column by column, each by what matters in it or its own largest entry."""
+    assert found.shape == expected.shape
+    assert np.isfinite(expected).all()
+    largest = np.maximum(np.abs(expected).max(axis=0, initial=0.0), sizes)
+    np.testing.assert_allclose(found / largest, expected / largest, rtol=0, atol=share)
+
+
+def same(model: Model, directions: Sequence[str], one: Run, other: Run) -> None:
+    """Whether two runs are the same."""
+    stroke = float(np.ptp(other.reading))
+    assert one.states is not None
+    assert other.states is not None
+    close(one.reading[:, None], other.reading[:, None], READING, np.full(1, stroke))
+    moved = np.abs(other.states).max(axis=0, initial=0.0)
+    moved = np.where(moved > 0.0, moved, 1.0)
+    close(one.states, other.states, STATES, moved)
+    # A derivative counts by what a change of the parameter by its own size does to the reading.
+    size = {name: p.scale for name, p in model.parameters.items()}
+    size |= dict(zip((d for d in directions if d.startswith(INITIAL)), moved, strict=True))
+    by = np.array([stroke / size[name] for name in directions])
+    starts = np.array([name.startswith(INITIAL) for name in directions])
+    # Where a start is soon forgotten, rounding is a larger share of what is left of it.
+    for those, share in ((~starts, SLOPES), (starts, 1e4 * SLOPES)):
+        close(one.sensitivities[:, those], other.sensitivities[:, those], share, by[those])
+
+
+@pytest.mark.parametrize("effect", forms(), ids=repr)
+def test_every_form_gives_the_numbers_of_the_whole_expressions(effect: Effect) -> None:
+    rng = np.random.default_rng(4)
+    found = [m for m in with_base(effect) if "spring" not in m]
+    assert found or effect.name in ("spring", "piezo_gain")
+    for i, model in enumerate(found[-2:]):
+        added = model.names[-1]
+        fixed = [f"{added}.{k}" for k, p in effect.parameters.items() if p.fixed]
+        compared(model, drawn(model, rng), exact=True, runtime=fixed if i else ())
+
+
+@pytest.mark.parametrize("model", BASES, ids=lambda m: " + ".join(m.names))
+def test_without_exponentials_the_numbers_are_the_same(model: Model) -> None:
+    compared(model, drawn(model, np.random.default_rng(5)), exact=False)
+
+
+@pytest.mark.parametrize("effect", forms(), ids=repr)
+def test_the_linear_blocks_are_those_of_the_whole_expressions(effect: Effect) -> None:
+    rng = np.random.default_rng(6)
+    for model in with_base(effect)[-1:]:
+        system = named(model, folded(model))
+        made = program(system, exact=True)
+        if made is None:
+            assert "spring" in model
+            continue
+        part, whole = linear_part(system, exact=True), Whole(system, exact=True)
+        assert tuple(block.states for block in made.composition.blocks) == part.blocks
+        assert tuple(block.heard for block in made.composition.blocks) == part.heard
+        values = drawn(model, rng)
+        p = np.array([values[name] for name in system.parameter_names])
+        assert made.longest(p) == pytest.approx(whole.longest(p), rel=1e-9)
+        x = rng.uniform(-1e-6, 1e-6, len(system.state_names))
+        channels = np.full(len(system.channel_names), 301.0)
+        at = (0.1, x, 20.0, -3e4, channels, 0.1 * channels, p)
+        expected = whole.slopes(*at)
+        rows = np.abs(expected).max(initial=1.0)
+        np.testing.assert_allclose(made.slopes(*at), expected, rtol=0, atol=1e-9 * rows)
+        np.testing.assert_allclose(
+            made.at_rest(0.1, 20.0, channels, p), whole.at_rest(0.1, 20.0, channels, p),
+            rtol=1e-12, atol=1e-18,
+        )  # fmt: skip
+
+
+def test_a_spring_without_mass_has_a_program_of_its_own() -> None:
+    """Its velocity follows from the derivative of the whole balance."""
+    system = named(GAIN + BoucWen() + Friction() + Spring())
+    assert program(system, exact=True) is None
+    assert engine(system, ()).compiled
+
+
+def test_many_directions_go_in_several_rows() -> None:
+    model = GAIN + MaxwellSlip(elements=9) + SecondOrder() + SecondMode() + Creep() + Offset()
+    values = drawn(model, np.random.default_rng(7))
+    system = named(model, folded(model))
+    assert len(system.parameter_names) + len(system.state_names) > 24
+    compared(model, values, exact=True)
+
+
+@final
+@dataclass(frozen=True)
+class Sluggish(Effect):
+    """A lag whose time constant grows with the drive, which delays the chain a little, too.
+
+    tau (1 + g v^2) z' = v - z
+    """
+
+    place = Place.INPUT
+    structural = True
+    z = State("V", "lagged drive")
+    tau = Parameter("s", "time constant", nominal=2e-4, bounds=(1e-6, 1.0))
+    g = Parameter("1/V^2", "growth", nominal=1e-4, bounds=(0.0, 1.0))
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        u = chain.incoming.value
+        rate = (u - x.z) / (p.tau * (1.0 + p.g * u * u))
+        return Equations(gives=x.z, moves={"z": rate}, starts={"z": u}, delays=3e-5)
+
+
+def test_an_effect_of_ones_own_is_composed_as_well() -> None:
+    model = Sluggish() + PiezoGain() + BoucWen() + SecondOrder()
+    compared(model, drawn(model, np.random.default_rng(8)), exact=True)
+
+
+def test_a_constant_delay_is_not_dropped() -> None:
+    """The reading is that of an earlier drive: 3e-5 s times its slope."""
+    model = Sluggish() + PiezoGain()
+    values = {**Values.nominal(model), "sluggish.tau": 1e-6, "sluggish.g": 0.0}
+    run = Simulator(model, RECORD, values, substeps=Substeps(1e-6, 1e9))
+    earlier = np.interp(TIME - 3.1e-5, TIME, DRIVE)
+    ptp = np.ptp(earlier) * values["piezo_gain.d"]
+    found, expected = run.reading(values)[2:], values["piezo_gain.d"] * earlier[2:]
+    np.testing.assert_allclose(found, expected, atol=2e-3 * ptp)
+
+
+def test_equations_that_were_replaced_are_not_those_of_the_library(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    known = library.functions_of(Offset(), frozenset())
+    monkeypatch.setattr(Offset, "equations", lambda *given: Equations(gives=given[3].y0 * 2.0))
+    replaced = library.functions_of(Offset(), frozenset())
+    assert known is not None
+    assert replaced is not None
+    assert replaced.form.gives != known.form.gives or replaced.addresses != known.addresses
