@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from piezo_opt.diagnosis import Diagnosis, diagnose
     from piezo_opt.effects import Effect, Model
     from piezo_opt.errors import InputError, ModelError, PiezoOptError
-    from piezo_opt.export import export_c
+    from piezo_opt.export import export_arduino, export_c
     from piezo_opt.identification import (
         Bootstrap,
         CmaEs,
@@ -103,6 +103,7 @@ __all__ = [
     "default_model",
     "diagnose",
     "effects",
+    "export_arduino",
     "export_c",
     "fit_transfer",
     "frequency_response",
@@ -130,7 +131,7 @@ _ROOMS: Final = {
     "diagnosis": "Diagnosis diagnose",
     "effects": "Effect Model",
     "errors": "InputError ModelError PiezoOptError",
-    "export": "export_c",
+    "export": "export_arduino export_c",
     "identification": (
         "Bootstrap CmaEs Collocation DifferentialEvolution Fatrop Fit Identification Ipopt "
         "LevenbergMarquardt Loss MultipleShooting NelderMead Prior Profile Profiles "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
@@ -109,5 +110,66 @@ def c(
         substeps=substeps,
         drive=volts(drive_range),
         boards=tuple(board or ()),
+    )
+    typer.echo(str(found))
+
+
+class Signal(Enum):
+    """What a sketch plays."""
+
+    TRIANGLE = "triangle"
+    SQUARE = "square"
+
+
+@export.command()
+def arduino(
+    source: Holder,
+    out: Out,
+    signal: Annotated[Signal, typer.Option(help="What is played.")] = Signal.TRIANGLE,
+    low: Annotated[
+        str | None, typer.Option(metavar="'0 V'", help="Lower end: 0 unless given.")
+    ] = None,
+    high: Annotated[
+        str | None,
+        typer.Option(metavar="'125 V'", help="Upper end: 125 V, or 15 um with --inverse."),
+    ] = None,
+    period: Annotated[str, typer.Option(metavar="'50 s'", help="Of the signal.")] = "50 s",
+    step: Annotated[str, typer.Option(metavar="'50 ms'", help="Between two samples.")] = "50 ms",
+    periods: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Then the drive goes to zero; 0 for never.")
+    ] = 0,
+    full_scale: Annotated[
+        str, typer.Option(metavar="'150 V'", help="Drive at the pin's largest value.")
+    ] = "150 V",
+    pin: Annotated[int, typer.Option(min=0, metavar="N", help="Pin of the signal.")] = 9,
+    inverse: Annotated[
+        bool, typer.Option("--inverse", help="The signal is a position; the drive follows from it.")
+    ] = False,
+) -> None:
+    """Write a sketch for an Arduino: a signal to the actuator, and its model beside it.
+
+    By default the triangle of the thesis, 0 to 125 V and back in 50 s. With --inverse the drive is
+    the one that brings the actuator to a position, without a sensor.
+
+    \b
+    Examples:
+      piezo-opt export arduino fit.json --out triangle
+      piezo-opt export arduino fit.json --out square --signal square --high "63 V" --period "1 s"
+      piezo-opt export arduino fit.json --out follow --inverse --high "15 um"
+    """
+    from piezo_opt.export import export_arduino
+
+    found = export_arduino(
+        source,
+        out,
+        signal=signal.value,
+        low=0.0 if low is None else low,
+        high=high or ("15 um" if inverse else "125 V"),
+        period=period,
+        step=step,
+        periods=periods,
+        full_scale=full_scale,
+        pin=pin,
+        inverse=inverse,
     )
     typer.echo(str(found))

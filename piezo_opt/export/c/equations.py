@@ -2,25 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from piezo_opt.export.c import naming
 from piezo_opt.export.c.pen import Pen, braced, comment
 from piezo_opt.export.c.printer import WIDTH, wrapped
-
-_HELPERS: Final = {
-    "sign": ("a", "({R})((a > {0}) - (a < {0}))"),
-    "smaller": ("a, b", "a < b ? a : b"),
-    "larger": ("a, b", "a > b ? a : b"),
-}  # fmt: skip
-_MISSING: Final = {
-    "log1p": "const {R} u = {1} + a;\n    return u == {1} ? a : {log}(u) * a / (u - {1});",
-    "expm1": (
-        "const {R} u = {exp}(a), less = u - {1};\n"
-        "    return less == {0} ? a : less == -{1} ? less : less * a / {log}(u);"
-    ),
-}  # fmt: skip
-"""Functions of C99 that the library of 8-bit processors lacks (Kahan's way, Higham 2002, 1.14)."""
 
 
 def output(pen: Pen) -> list[str]:
@@ -113,37 +97,3 @@ def prepare(pen: Pen) -> list[str]:
     alias = f"{n}_derived *const d = &a->derived;"
     lines = [alias, *(line for line in lines if "*const d =" not in line)]
     return [f"void {n}_prepare({n} *a)", *braced(lines)]
-
-
-def helpers(pen: Pen) -> list[str]:
-    """Functions that the C library lacks, where they are called."""
-    out: list[str] = []
-    words = {
-        "R": pen.real, "0": pen.number(0.0), "1": pen.number(1.0),
-        "log": pen.precision.call("log"), "exp": pen.precision.call("exp"),
-    }  # fmt: skip
-
-    def filled(text: str) -> str:
-        for key, value in words.items():
-            text = text.replace(f"{{{key}}}", value)
-        return text
-
-    for name, (given, said) in _HELPERS.items():
-        if name in pen.called:
-            typed = ", ".join(f"{pen.real} {one}" for one in given.split(", "))
-            out += [
-                f"static {pen.real} {pen.name}_{name}({typed})",
-                "{", f"    return {filled(said)};", "}", "",
-            ]  # fmt: skip
-    missing = [name for name in _MISSING if name in pen.called]
-    if missing:
-        out += ["#ifdef __AVR__", "/* The library of this processor lacks these. */"]
-        for name in missing:
-            function = pen.precision.call(name)
-            out += [
-                f"static {pen.real} {pen.name}_{name}({pen.real} a)",
-                "{", f"    {filled(_MISSING[name])}", "}",
-                f"#define {function} {pen.name}_{name}",
-            ]  # fmt: skip
-        out += ["#endif", ""]
-    return out

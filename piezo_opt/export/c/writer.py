@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from piezo_opt.export.c.equations import helpers, jump, output, prepare, rates
+from piezo_opt.export.c.equations import jump, output, prepare, rates
 from piezo_opt.export.c.header import header
+from piezo_opt.export.c.lacking import lacking
 from piezo_opt.export.c.pen import Pen
 from piezo_opt.export.c.plan import Plan
 from piezo_opt.export.c.printer import Precision
@@ -18,7 +19,7 @@ def source(pen: Pen) -> str:
     head = [*pen.title(), f'#include "{pen.name}.h"', ""]
     if pen.called - {"fabs", "sign", "smaller", "larger"} or "fabs" in pen.called:
         head += ["#include <math.h>", ""]
-    head += helpers(pen)
+    head += lacking(pen.called, pen.name, pen.precision)
     return "\n".join([*head, *body]).rstrip() + "\n"
 
 
