@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from piezo_opt.readers import read, read_campaign, write
     from piezo_opt.report import write_report
     from piezo_opt.simulation import Initial, Response, simulate
+    from piezo_opt.studies import study_thesis
     from piezo_opt.units import quantity
     from piezo_opt.values import Values
 
@@ -120,6 +121,7 @@ __all__ = [
     "search_orders",
     "simulate",
     "solve",
+    "study_thesis",
     "uncontrolled_iae",
     "write",
     "write_report",
@@ -143,6 +145,7 @@ _ROOMS: Final = {
     "readers": "read read_campaign write",
     "report": "write_report",
     "simulation": "Initial Response simulate",
+    "studies": "study_thesis",
     "units": "quantity",
     "values": "Values",
 }

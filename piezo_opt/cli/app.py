@@ -25,6 +25,7 @@ from piezo_opt.cli.report import report
 from piezo_opt.cli.signal import signal
 from piezo_opt.cli.simulate import simulate
 from piezo_opt.cli.solving import INTERRUPTED
+from piezo_opt.cli.study import study
 from piezo_opt.errors import PiezoOptError
 
 __all__ = ["app", "main"]
@@ -106,6 +107,7 @@ def _options(
 for command in (demo, check, fit, diagnose, simulate, compare, report, linear):
     app.command()(command)
 app.add_typer(bench)
+app.add_typer(study)
 app.add_typer(export)
 app.add_typer(fem)
 app.add_typer(signal)
