@@ -14,6 +14,7 @@ from piezo_opt.measurement import Between, Campaign, Measurement
 from piezo_opt.readers.columns import Table, by_number
 from piezo_opt.readers.csv import table_from_csv
 from piezo_opt.readers.csv_writing import write_csv
+from piezo_opt.readers.parquet import is_frame, table_from_frame
 from piezo_opt.readers.records import measurement_from
 from piezo_opt.readers.wanted import Wanted, treated
 from piezo_opt.units import quantity
@@ -23,10 +24,15 @@ __all__ = ["read", "read_campaign", "write"]
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc")
 _HDF5 = (".h5", ".hdf5")
 _MATLAB = (".mat",)
+_NETCDF = (".nc", ".cdf")
+_LVM = (".lvm",)
+_TDMS = (".tdms",)
+_PARQUET = (".parquet", ".pq")
+_KNOWN = (*_TEXT, *_HDF5, *_MATLAB, *_NETCDF, *_LVM, *_TDMS, *_PARQUET)
 
 
 def read(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | Any,
     *,
     time: str | None = None,
     drive: str | None = None,
@@ -43,11 +49,12 @@ def read(
     scale: float | str | None = None,
     decimal: str | None = None,
 ) -> Measurement:
-    """One record from a file, in SI units; what was concluded about it is in its ``notes``.
+    """One record from a file or a frame, in SI units; its ``notes`` say what was concluded.
 
     Args:
         path: .csv, .txt, .tsv, .dat, .asc (a header ``time [s],voltage [V],displacement [um]``),
-            .h5, .hdf5 or .mat.
+            .h5, .hdf5, .nc, .mat, .lvm, .tdms (needs npTDMS) or .parquet (needs pyarrow); or a
+            frame of pandas or polars, whose columns have such names.
         time, drive, position: columns, as ``"voltage"`` or ``"u [V]"``, or by number from 1,
             ``"2 [V]"``; by default the columns whose unit is a time, a voltage and a length. A
             named drive or position may have any unit, ``drive="force [N]"``. Further columns with
@@ -71,6 +78,10 @@ def read(
         time, drive, position, between, period, startup, allow_saturated,
         rate, trim, every, gain, scale, decimal,
     )  # fmt: skip
+    if is_frame(path):
+        if record is not None:
+            raise InputError(f"frame: holds one record: drop record={record!r}")
+        return measurement_from(table_from_frame(path), "frame", wanted)
     file = Path(path)
     suffix = _suffix(file)
     if suffix in _HDF5:
@@ -124,15 +135,15 @@ def write(
 
 def _suffix(file: Path) -> str:
     suffix = file.suffix.lower()
-    known = (*_TEXT, *_HDF5, *_MATLAB)
-    if suffix not in known and not file.is_dir():
+    if suffix not in _KNOWN and not file.is_dir():
         raise InputError(
-            f"{file}: nothing reads {suffix or 'a file without suffix'}: use {', '.join(known)}"
+            f"{file}: nothing reads {suffix or 'a file without suffix'}: use {', '.join(_KNOWN)}"
         )
     return suffix
 
 
 def _table(file: Path, suffix: str, wanted: Wanted) -> Table:
+    """The columns of a file; what a format needs is loaded when a file of it is read."""
     if suffix in _HDF5:
         from piezo_opt.readers.hdf5 import table_from_hdf5
 
@@ -141,6 +152,22 @@ def _table(file: Path, suffix: str, wanted: Wanted) -> Table:
         from piezo_opt.readers.mat import table_from_mat
 
         return table_from_mat(file)
+    if suffix in _NETCDF:
+        from piezo_opt.readers.netcdf import table_from_netcdf
+
+        return table_from_netcdf(file)
+    if suffix in _LVM:
+        from piezo_opt.readers.lvm import table_from_lvm
+
+        return table_from_lvm(file, decimal=wanted.decimal)
+    if suffix in _TDMS:
+        from piezo_opt.readers.tdms import table_from_tdms
+
+        return table_from_tdms(file)
+    if suffix in _PARQUET:
+        from piezo_opt.readers.parquet import table_from_parquet
+
+        return table_from_parquet(file)
     numbered = all(by_number(said) for said in (wanted.drive, wanted.position))
     return table_from_csv(file, decimal=wanted.decimal, numbered=numbered)
 

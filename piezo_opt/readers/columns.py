@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, final
 
 import numpy as np
 
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import FloatArray
+from piezo_opt.measurement.arrays import BoolArray
 from piezo_opt.readers.preamble import Steps
 from piezo_opt.units import parse_header, same_dimension, to_si
 
@@ -19,12 +20,14 @@ from piezo_opt.units import parse_header, same_dimension, to_si
 class Column:
     """One column of a file: its name, its unit when the file says one, and its numbers.
 
-    A column of text or without cells has no numbers; it keeps its place.
+    A column of text or without cells has no numbers; it keeps its place. ``missing`` marks the
+    samples that the file itself says were not taken.
     """
 
     name: str
     unit: str | None
     values: FloatArray
+    missing: BoolArray | None = None
 
     @property
     def header(self) -> str:
@@ -194,7 +197,7 @@ def _named(table: Table, role: Role, said: str) -> tuple[int, Column]:
     # Any drive or position is legal when named (a force, an angle), but time is time.
     if role is TIME and not same_dimension(unit, "s"):
         raise InputError(f"{table.file}: column {column.header!r} is no time: use [s] or [ms]")
-    return index, Column(column.name, unit, column.values)
+    return index, replace(column, unit=unit)
 
 
 def in_si(table: Table, column: Column) -> tuple[FloatArray, str]:

@@ -15,8 +15,8 @@ The layout that `write_hdf5` writes and `campaign_from_hdf5` reads without loss:
 Signals are compressed without loss (shuffle, deflate) and carry a checksum, and so does all else:
 the file has the format of HDF5 1.10, whose metadata are checked, and text of fixed length.
 
-In any other HDF5 file, one-dimensional data sets are taken as columns: their names are their paths,
-their units the attribute ``unit`` or ``units`` or what the caller says with ``drive="u [V]"``.
+In any other HDF5 file, and in netCDF-4 files, which are such, data sets of one or two dimensions
+are taken as columns; what their attributes mean is in ``conventions.py``.
 """
 
 from __future__ import annotations
@@ -33,11 +33,16 @@ import numpy as np
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import Between, Campaign, FloatArray, Measurement
 from piezo_opt.readers.columns import Column, Table
+from piezo_opt.readers.conventions import column_of
 from piezo_opt.readers.files import checked, refuse_rows, replacing
 from piezo_opt.readers.headers import known_unit
+from piezo_opt.readers.preamble import steps_of
+from piezo_opt.readers.probe import survives
 
 _FORMAT = "piezo_opt records"
 _VERSION = 1
+_WIDEST = 64
+"""Signals that a matrix may hold."""
 
 
 def campaign_from_hdf5(path: str | os.PathLike[str]) -> Campaign | None:
@@ -46,8 +51,8 @@ def campaign_from_hdf5(path: str | os.PathLike[str]) -> Campaign | None:
     Raises `InputError` for a file that is no HDF5, is cut short, or breaks the layout.
     """
     file = checked(path)
-    with _opened(file) as content:
-        if _text(content.attrs.get("format", "")) != _FORMAT:
+    with opened(file) as content:
+        if text_of(content.attrs.get("format", "")) != _FORMAT:
             return None
         version = content.attrs.get("version")
         if version != _VERSION:
@@ -63,20 +68,61 @@ def campaign_from_hdf5(path: str | os.PathLike[str]) -> Campaign | None:
 
 
 def table_from_hdf5(path: str | os.PathLike[str]) -> Table:
-    """The one-dimensional data sets of any HDF5 file (or MATLAB v7.3 file) as columns."""
+    """The signals of any HDF5 or netCDF-4 file as columns, unpacked as their attributes say.
+
+    Vectors, matrices along their shorter side and the fields of tables; a column is called by the
+    path of its data set, with ``(:,2)`` or ``.field`` behind it.
+    """
     file = checked(path)
     columns: list[Column] = []
-    with _opened(file) as content:
+    notes: list[str] = []
+    told: list[tuple[str, str]] = []
+    with opened(file) as content:
 
-        def visit(name: str, item: object) -> None:
-            if isinstance(item, h5py.Dataset) and _is_signal(item):
-                unit = _text(item.attrs.get("unit", item.attrs.get("units", "")))
-                if unit:
-                    known_unit(str(file), name, unit)
-                columns.append(Column(name, unit or None, _numbers(file, item)))
+        def visit(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset) and 0 < len(item.shape or ()) <= 2:
+                attributes = dict(item.attrs)
+                told.extend(_clock_words(attributes))
+                for own, values in _signals(file, name, item):
+                    column, said = column_of(str(file), own, values, attributes)
+                    columns.append(column)
+                    notes.extend(said)
 
+        told.extend(_clock_words(content.attrs))
         content.visititems(visit)
-    return Table(str(file), tuple(columns), lambda index: f"index {index}")
+    steps = steps_of((), (), [(key, value) for key, value in told])
+    rows = "index {}".format
+    return Table(str(file), tuple(columns), rows, notes=tuple(notes), steps=steps)
+
+
+def _clock_words(attributes: Any) -> list[tuple[str, str]]:
+    """Attributes that hold one number, where a rate or an increment may stand."""
+    return [
+        (str(key), repr(float(value)))
+        for key, value in attributes.items()
+        if np.ndim(value) == 0 and isinstance(value, int | float | np.integer | np.floating)
+    ]
+
+
+def _signals(file: Path, name: str, item: Any) -> Iterator[tuple[str, Any]]:
+    """The numbers of a data set, column by column; none of one that holds something else."""
+    shape = item.shape
+    longest = max(shape)
+    if item.dtype.names is not None and len(shape) == 1 and longest > 1:
+        refuse_rows(file, longest)
+        stored = item[()]
+        for field in item.dtype.names:
+            if stored[field].dtype.kind in "fiu" and stored[field].ndim == 1:
+                yield f"{name}.{field}", stored[field]
+    elif item.dtype.kind in "fiu" and longest > 1 and item.size // longest <= _WIDEST:
+        refuse_rows(file, longest)
+        stored = np.asarray(item[()])
+        if item.size == longest:
+            yield name, stored.reshape(-1)
+        elif shape[0] >= shape[1]:
+            yield from ((f"{name}(:,{k + 1})", stored[:, k]) for k in range(shape[1]))
+        else:
+            yield from ((f"{name}({k + 1},:)", stored[k]) for k in range(shape[0]))
 
 
 def write_hdf5(
@@ -128,8 +174,11 @@ def _write_signal(group: Any, name: str, values: FloatArray, unit: str) -> None:
 
 
 @contextmanager
-def _opened(file: Path) -> Iterator[Any]:
+def opened(file: Path) -> Iterator[Any]:
+    """The file, opened; whatever the library does with a damaged one is an `InputError`."""
     damaged = f"{file}: is not a whole HDF5 file: copy or export it again"
+    if not survives(file):
+        raise InputError(f"{damaged} (the library that reads it does not get to its end)")
     try:
         with h5py.File(file, "r") as content:
             yield content
@@ -150,7 +199,7 @@ def _record(file: Path, group: Any) -> Measurement:
             raise InputError(f"{file}: {where} has no signal {name!r}: export the file again")
     attributes = dict(group.attrs)
     further = group.get("channels", {})
-    channels = {_text(further[one].attrs["name"]): further[one] for one in sorted(further)}
+    channels = {text_of(further[one].attrs["name"]): further[one] for one in sorted(further)}
     try:
         return Measurement(
             time=_numbers(file, group["time"]),
@@ -158,13 +207,13 @@ def _record(file: Path, group: Any) -> Measurement:
             position=_numbers(file, group["position"]),
             channels={name: _numbers(file, stored) for name, stored in channels.items()},
             channel_units={name: _unit(file, stored) for name, stored in channels.items()},
-            name=_text(attributes["name"]),
+            name=text_of(attributes["name"]),
             drive_unit=_unit(file, group["drive"]),
             position_unit=_unit(file, group["position"]),
-            between=Between(_text(attributes["between"])),
+            between=Between(text_of(attributes["between"])),
             period=float(attributes["period"]) if "period" in attributes else None,
             startup=float(attributes["startup"]),
-            source=_text(attributes["source"]),
+            source=text_of(attributes["source"]),
             allow_saturated=bool(attributes["allow_saturated"]),
             left_out=(_numbers(file, group["left_out"]) if "left_out" in group else np.zeros(0))
             > 0,
@@ -177,15 +226,8 @@ def _record(file: Path, group: Any) -> Measurement:
 
 
 def _unit(file: Path, stored: Any) -> str:
-    unit = _text(stored.attrs.get("unit", ""))
+    unit = text_of(stored.attrs.get("unit", ""))
     return known_unit(str(file), stored.name, unit)
-
-
-def _is_signal(stored: Any) -> bool:
-    """Numbers along one axis; MATLAB's rows and columns count, its text and scalars do not."""
-    if stored.dtype.kind not in "fiu" or _text(stored.attrs.get("MATLAB_class", "")) == "char":
-        return False
-    return bool(stored.shape) and stored.size > 1 and max(stored.shape) == stored.size
 
 
 def _numbers(file: Path, stored: Any) -> FloatArray:
@@ -202,7 +244,8 @@ def _stored(text: str) -> Any:
     return np.array(encoded, dtype=h5py.string_dtype("utf-8", max(1, len(encoded))))
 
 
-def _text(value: object) -> str:
+def text_of(value: object) -> str:
+    """An attribute as text."""
     return value.decode("utf-8") if isinstance(value, bytes) else str(value)
 
 

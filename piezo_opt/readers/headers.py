@@ -56,7 +56,8 @@ def header_cell(file: str, cell: str) -> tuple[str, str | None]:
     if match := _BRACKETS.fullmatch(text):
         return match[1], known_unit(file, text, match[2].strip())
     if match := _PARENTHESES.fullmatch(text):
-        unit = unit_word(match[2])
+        # A number in parentheses counts channels.
+        unit = None if match[2].strip().isdecimal() else unit_word(match[2])
         return (text, None) if unit is None or not match[1] else (match[1], unit)
     if match := _TAIL.fullmatch(text):
         if (unit := _sure(match[2])) is not None:

@@ -6,8 +6,10 @@ import re
 from collections.abc import Callable
 from datetime import date
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from piezo_opt.measurement import FloatArray
 
@@ -68,6 +70,13 @@ def since_first(instants: FloatArray, *, with_dates: bool) -> FloatArray:
         midnights = np.cumsum(np.concatenate([[False], np.diff(time) < -0.5 * _DAY]))
         time = time + _DAY * midnights
     return np.asarray(time, dtype=np.float64)
+
+
+def seconds_from_stamps(stamps: NDArray[Any]) -> FloatArray:
+    """Stamps or spans of time (N,) as seconds since the first one [s]; not a number where none."""
+    spans = (stamps - stamps[0]).astype("timedelta64[ns]") if stamps.size else stamps
+    seconds = spans.astype(np.int64) * 1e-9
+    return np.where(np.isnat(spans), np.nan, seconds) if stamps.size else np.zeros(0)
 
 
 @lru_cache(maxsize=64)

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import struct
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
+from typing import final
 
 from piezo_opt.errors import InputError
 from piezo_opt.readers.files import LARGEST_FILE
@@ -20,28 +22,39 @@ _MATRIX, _COMPRESSED = 14, 15
 _PLAIN = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18})
 _DEEPEST = 32
 _NUMBERS = range(6, 16)
-_CELL, _STRUCTURE, _OBJECT, _TEXT, _SPARSE = 1, 2, 3, 4, 5
+_CELL, _STRUCTURE, _OBJECT, _TEXT, _SPARSE, _OPAQUE = 1, 2, 3, 4, 5, 17
 
 
 class _Damaged(Exception):
     """What is wrong, in a few words."""
 
 
-def check_structure(file: Path) -> None:
-    """Raise `InputError` unless the file is a whole MATLAB file of version 5 to 7.2."""
+@final
+@dataclass(frozen=True)
+class Contents:
+    """The variables of a file: numbers of elements by name, and names of objects."""
+
+    sizes: dict[str, int]
+    objects: tuple[str, ...]
+
+
+def check_structure(file: Path) -> Contents:
+    """What a MATLAB file of version 5 to 7.2 holds; `InputError` unless it is a whole one."""
     content = file.read_bytes()
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
     again = "save the signals again, as in save('file.mat', 't', 'u', 'y', '-v7')"
     if order is None or struct.unpack(order + "H", content[124:126])[0] != 0x0100:
         raise InputError(f"{file}: is not a MATLAB file of version 5 or 7.3: {again}")
     try:
-        _elements(memoryview(content)[_HEADER:], order)
+        return _elements(memoryview(content)[_HEADER:], order)
     except _Damaged as error:
         raise InputError(f"{file}: is not a whole MATLAB file ({error}): {again}") from error
 
 
-def _elements(content: memoryview, order: str) -> None:
+def _elements(content: memoryview, order: str) -> Contents:
     place = 0
+    sizes: dict[str, int] = {}
+    objects: list[str] = []
     while place < len(content):
         kind, body, place = _element(content, place, order)
         if kind == _COMPRESSED:
@@ -49,11 +62,27 @@ def _elements(content: memoryview, order: str) -> None:
             inner, matrix, _ = _element(unfolded, 0, order)
             if inner != _MATRIX:
                 raise _Damaged("a compressed variable holds no matrix")
-            _matrix(matrix, order, 0)
-        elif kind == _MATRIX:
-            _matrix(body, order, 0)
-        else:
+            kind, body = inner, matrix
+        if kind != _MATRIX:
             raise _Damaged(f"element of type {kind} where a variable should be")
+        if (opaque := _object(body, order)) is not None:
+            objects.append(opaque)
+            continue
+        name, size = _matrix(body, order, 0)
+        if name:
+            sizes[name] = size
+    return Contents(sizes, tuple(objects))
+
+
+def _object(body: memoryview, order: str) -> str | None:
+    """The name of a variable that is an object of a class, which has no shape; else None."""
+    kind, flags, place = _element(body, 0, order)
+    if kind == _MATRIX or len(flags) != 8:
+        return None
+    if struct.unpack_from(order + "I", flags)[0] & 0xFF != _OPAQUE:
+        return None
+    _, name, _ = _element(body, place, order)
+    return bytes(name).decode("latin-1")
 
 
 def _element(content: memoryview, place: int, order: str) -> tuple[int, memoryview, int]:
@@ -86,11 +115,12 @@ def _unfolded(body: memoryview) -> bytes:
     return content
 
 
-def _matrix(content: memoryview, order: str, depth: int) -> None:
+def _matrix(content: memoryview, order: str, depth: int) -> tuple[str, int]:
+    """Name and number of elements of a variable whose parts fit together."""
     if depth > _DEEPEST:
         raise _Damaged("structures nested too deeply")
     if not content:
-        return  # an empty field
+        return "", 0  # an empty field
     parts: list[tuple[int, memoryview]] = []
     place = 0
     while place < len(content):
@@ -102,10 +132,10 @@ def _matrix(content: memoryview, order: str, depth: int) -> None:
         parts.append((kind, body))
     if len(parts) < 3 or len(parts[0][1]) != 8 or len(parts[1][1]) < 8:
         raise _Damaged("a variable without shape or name")
-    _check_parts(parts, order)
+    return bytes(parts[2][1]).decode("latin-1"), _check_parts(parts, order)
 
 
-def _check_parts(parts: list[tuple[int, memoryview]], order: str) -> None:
+def _check_parts(parts: list[tuple[int, memoryview]], order: str) -> int:
     """The number and kinds of the parts fit the class and the shape of the matrix."""
     (flags,) = struct.unpack_from(order + "I", parts[0][1])
     sizes = struct.unpack_from(f"{order}{len(parts[1][1]) // 4}i", parts[1][1])
@@ -135,7 +165,11 @@ def _check_parts(parts: list[tuple[int, memoryview]], order: str) -> None:
     else:
         # Function handles and class instances hold no signals; scipy's handling of them is not
         # worth trusting with a file from elsewhere.
-        raise _Damaged(f"a variable of class {which}, which holds no plain data")
+        raise _Damaged(
+            f"a variable of class {which}, which holds no plain data: a function, or an object "
+            "inside a structure"
+        )
+    return count
 
 
 def _all_plain(parts: list[tuple[int, memoryview]], number: int) -> None:

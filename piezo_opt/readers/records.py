@@ -9,6 +9,7 @@ import numpy as np
 
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import Between, FloatArray, Measurement
+from piezo_opt.measurement.arrays import BoolArray, IndexArray
 from piezo_opt.readers.columns import (
     DRIVE,
     POSITION,
@@ -58,6 +59,12 @@ def measurement_from(table: Table, name: str, wanted: Wanted) -> Measurement:
                 f"{time.size}: choose columns of one record, with time='...', drive='...' and "
                 "position='...'"
             )
+    missing = [one.missing for one in (drive, position) if one.missing is not None]
+    if missing:
+        gone = np.any(missing, axis=0)
+        table, time, clock_notes = _without(table, time, gone, clock_notes)
+        drive = replace(table.columns[drive_at], unit=drive.unit)
+        position = replace(table.columns[position_at], unit=position.unit)
     driven, drive_unit = in_si(table, drive)
     read, position_unit = in_si(table, position)
     if place is not None and wanted.rate is None:
@@ -148,14 +155,37 @@ def _trimmed(
             f"{table.file}: nothing lies in the stretch that was asked, the record runs from "
             f"{time.min():g} s to {time.max():g} s: choose another with trim='...'"
         )
-    columns = tuple(
-        Column(c.name, c.unit, c.values[kept] if c.values.size == time.size else c.values)
-        for c in table.columns
-    )
-    whole = table.row
     note = f"Samples {kept[0] + 1} to {kept[-1] + 1} of {time.size} were kept."
-    part = replace(table, columns=columns, row=lambda index: whole(int(kept[index])))
-    return part, time[kept], note
+    return _rows(table, time.size, kept), time[kept], note
+
+
+def _without(
+    table: Table, time: FloatArray, gone: BoolArray, notes: list[str]
+) -> tuple[Table, FloatArray, list[str]]:
+    """The rows whose readings the file does not mark as missing."""
+    kept = np.flatnonzero(~gone)
+    if kept.size == 0:
+        raise InputError(f"{table.file}: marks every reading as missing: export it again")
+    first = table.row(int(np.flatnonzero(gone)[0]))
+    note = (
+        f"{np.count_nonzero(gone)} samples that the file marks as missing were left out, the "
+        f"first at {first}."
+    )
+    return _rows(table, time.size, kept), time[kept], [*notes, note]
+
+
+def _rows(table: Table, count: int, kept: IndexArray) -> Table:
+    """Some rows of a table, each called as before."""
+
+    def part(column: Column) -> Column:
+        if column.values.size != count:
+            return column
+        missing = None if column.missing is None else column.missing[kept]
+        return replace(column, values=column.values[kept], missing=missing)
+
+    whole = table.row
+    columns = tuple(part(column) for column in table.columns)
+    return replace(table, columns=columns, row=lambda index: whole(int(kept[index])))
 
 
 def _check_order(table: Table, column: Column, time: FloatArray) -> None:
