@@ -5,6 +5,8 @@ from piezo_opt.control.cost import Criterion
 from piezo_opt.control.feedforward import InverseCompensation
 from piezo_opt.control.linearise import linearise
 from piezo_opt.control.margins import Margins, margins
+from piezo_opt.control.mpc import MPC
+from piezo_opt.control.observe import Observer
 from piezo_opt.control.observer import kalman
 from piezo_opt.control.pid import PID
 from piezo_opt.control.plant import ModelPlant, Plant
@@ -14,6 +16,7 @@ from piezo_opt.control.state_feedback import StateFeedback, lqr, lqr_as_program,
 from piezo_opt.control.tune_pid import TunedPID, tune_pid
 
 __all__ = [
+    "MPC",
     "PID",
     "ClosedLoop",
     "Controller",
@@ -22,6 +25,7 @@ __all__ = [
     "Limits",
     "Margins",
     "ModelPlant",
+    "Observer",
     "Plant",
     "Shaper",
     "StateFeedback",

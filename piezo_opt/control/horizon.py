@@ -1,0 +1,121 @@
+"""A model along a horizon, compiled: linearisation, filter and real-time iteration."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.assembly import System
+from piezo_opt.control.motion import SOURCE, Steps, fastest_pole, needs_compiler, period_text
+from piezo_opt.control.plant import system_of
+from piezo_opt.control.qp import program_text, typed
+from piezo_opt.effects import Model
+from piezo_opt.identification import Fit
+from piezo_opt.simulation.compiler import load
+from piezo_opt.symbolic import one_at_a_time
+
+FloatArray = NDArray[np.float64]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Along:
+    """Readings (N,) along moves of the drive, the slopes of each period, the states at the end."""
+
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+    reading: FloatArray
+    end: FloatArray
+
+
+@final
+class Horizon:
+    """One model, sampled at one period, as a compiled program.
+
+    Args:
+        plant: a fit, or a model with ``values``.
+        values: SI values by full name.
+        period: [s].
+
+    Raises:
+        ModelError: the model needs channels, or has a delay.
+        InputError: there is no compiler.
+    """
+
+    def __init__(
+        self, plant: Fit | Model, values: Mapping[str, float] | None, period: float
+    ) -> None:
+        self.system, self.p = system_of(plant, values)
+        self.period = period
+        self.states = len(self.system.state_names)
+        self.steps = Steps.of(fastest_pole(self.system, self.p), period)
+        self.library = _library(self.system)
+
+    def rest(self, drive: float) -> FloatArray:
+        """States (n,) at rest at a drive [V]."""
+        none = np.zeros(0)
+        x = self.system.start(0.0, drive, none, self.p, np.zeros(self.states))
+        return np.asarray(x, dtype=float).ravel()
+
+    def reading(self, time: float, x: FloatArray, drive: float) -> float:
+        """The reading [m] of states at a drive."""
+        none = np.zeros(0)
+        return float(self.system.reading(time, x, drive, 0.0, none, none, self.p))
+
+    def along(self, time: float, x: FloatArray, drive: float, w: FloatArray) -> Along:
+        """What the moves w (N,) [V] lead to from states and a drive."""
+        n, nz = w.size, self.states + 1
+        made = Along(
+            np.empty((n, nz, nz)), np.empty((n, nz)), np.empty((n, nz)), np.empty(n),
+            np.empty(self.states),
+        )  # fmt: skip
+        x, w = np.ascontiguousarray(x), np.ascontiguousarray(w)
+        self.library.po_linearise(
+            n, self.p.ctypes.data, time, self.period, x.ctypes.data, drive, self.steps.rise,
+            self.steps.held, w.ctypes.data,
+            *(v.ctypes.data for v in (made.a, made.b, made.c, made.reading, made.end)),
+        )  # fmt: skip
+        return made
+
+
+@lru_cache(maxsize=32)
+@one_at_a_time
+def _library(system: System) -> ctypes.CDLL:
+    nx = len(system.state_names)
+    after = resources.files(__package__).joinpath("predictive.c").read_text(encoding="utf-8")
+    own = program_text(nx + 1) + f"#define NX {nx}\n#define ND {nx + 2}\n"
+    recipe = f"horizon {SOURCE} {own} {after} {system.recipe}"
+    library = load(
+        recipe,
+        lambda _: own + period_text(system, nx + 2) + after + "\nvoid po_run(void) {}\n",
+    )
+    if library is None:
+        raise needs_compiler("Predictive control")
+    typed(library)
+    size, number, address = ctypes.c_long, ctypes.c_double, ctypes.c_void_p
+    library.po_linearise.argtypes = [
+        size, address, number, number, address, number, size, size, *[address] * 6,
+    ]  # fmt: skip
+    library.po_linearise.restype = None
+    library.po_filter.argtypes = [
+        address, number, number, number, number, size, size, number, *[address] * 4,
+    ]  # fmt: skip
+    library.po_filter.restype = None
+    library.po_correct.argtypes = [address, number, number, number, *[address] * 4]
+    library.po_correct.restype = None
+    library.po_move.argtypes = [
+        size, size, address, number, number, address, number, size, address, size, size,
+        *[address] * 6,
+    ]  # fmt: skip
+    library.po_move.restype = number
+    library.po_move_size.argtypes = [size]
+    library.po_move_size.restype = size
+    return library

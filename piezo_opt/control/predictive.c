@@ -1,0 +1,174 @@
+/* Real-time iteration: one linearisation of the model over the horizon, one quadratic program, one
+   move of the drive; and the extended Kalman filter that it begins with. period() and reading()
+   carry ND = NX + 2 directions: the states, the drive before, the drive after. Nothing is
+   allocated. Source: Diehl et al. (2002), J. Process Control 12(4), 577-585. */
+
+#define NE (NX + 1) /* estimated: the model's states and a disturbance of the reading */
+
+static void unit_seeds(double *X, double *BEFORE, double *AFTER) {
+  for (int i = 0; i < NX * ND; ++i) X[i] = 0.0;
+  for (int i = 0; i < NX; ++i) X[i * ND + i] = 1.0;
+  for (int d = 0; d < ND; ++d) BEFORE[d] = AFTER[d] = 0.0;
+  BEFORE[NX] = AFTER[NX] = AFTER[NX + 1] = 1.0;
+}
+
+/* The states x, drive u and readings y along the moves w, and the slopes A, B, C of each period. */
+void po_linearise(long n, const double *p, double t, double T, const double *x0, double u0,
+                  long rise, long held, const double *w, double *A, double *B, double *C,
+                  double *y, double *end) {
+  double x[NX + 1], X[(NX + 1) * ND], BEFORE[ND], AFTER[ND], Y[ND], u = u0;
+  for (int i = 0; i < NX; ++i) x[i] = x0[i];
+  for (long k = 0; k < n; ++k) {
+    double *a = A + k * NZ * NZ, *b = B + k * NZ, *c = C + k * NZ;
+    unit_seeds(X, BEFORE, AFTER);
+    period(p, t, u, BEFORE, u + w[k], AFTER, T, rise, held, x, X);
+    for (int i = 0; i < NX; ++i) {
+      for (int j = 0; j <= NX; ++j) a[i * NZ + j] = X[i * ND + j];
+      b[i] = X[i * ND + NX + 1];
+    }
+    for (int j = 0; j < NX; ++j) a[NX * NZ + j] = 0.0;
+    a[NX * NZ + NX] = b[NX] = 1.0;
+    u += w[k];
+    t += T;
+    unit_seeds(X, BEFORE, AFTER);
+    AFTER[NX + 1] = 0.0;
+    reading(p, t, x, X, u, AFTER, y + k, Y);
+    for (int j = 0; j <= NX; ++j) c[j] = Y[j];
+  }
+  for (int i = 0; i < NX; ++i) end[i] = x[i];
+}
+
+/* One period of the filter: P (NE x NE) and the estimate move on. */
+static void predict(const double *p, double t, double before, double after, double T, long rise,
+                    long held, const double *noises, double *x, double *P) {
+  double X[(NX + 1) * ND], BEFORE[ND], AFTER[ND], F[NE][NE] = {{0.0}}, M[NE][NE];
+  unit_seeds(X, BEFORE, AFTER);
+  period(p, t, before, BEFORE, after, AFTER, T, rise, held, x, X);
+  for (int i = 0; i < NX; ++i)
+    for (int j = 0; j < NX; ++j) F[i][j] = X[i * ND + j];
+  F[NX][NX] = 1.0;
+  for (int i = 0; i < NE; ++i)
+    for (int j = 0; j < NE; ++j) {
+      double sum = 0.0;
+      for (int l = 0; l < NE; ++l) sum += F[i][l] * P[l * NE + j];
+      M[i][j] = sum;
+    }
+  for (int i = 0; i < NE; ++i)
+    for (int j = i; j < NE; ++j) {
+      double sum = 0.0;
+      for (int l = 0; l < NE; ++l) sum += M[i][l] * F[j][l];
+      /* Noise of the drive before and after, and the disturbance's walk. */
+      if (j < NX)
+        sum += noises[0] * noises[0] *
+               (X[i * ND + NX + 1] * X[j * ND + NX + 1] +
+                (X[i * ND + NX] - X[i * ND + NX + 1]) * (X[j * ND + NX] - X[j * ND + NX + 1]));
+      if (i == NX && j == NX) sum += noises[1] * noises[1];
+      P[i * NE + j] = P[j * NE + i] = sum;
+    }
+}
+
+/* A reading; one that is no number, or too far off to be one, is a sample of no weight. */
+static int correct(const double *p, double t, double u, double seen, const double *noises,
+                   double *x, double *P) {
+  double X[(NX + 1) * ND], BEFORE[ND], AFTER[ND], Y[ND], y, H[NE], PH[NE], S;
+  unit_seeds(X, BEFORE, AFTER);
+  reading(p, t, x, X, u, BEFORE, &y, Y);
+  for (int j = 0; j < NX; ++j) H[j] = Y[j];
+  H[NX] = 1.0;
+  S = noises[2] * noises[2];
+  for (int i = 0; i < NE; ++i) {
+    PH[i] = 0.0;
+    for (int j = 0; j < NE; ++j) PH[i] += P[i * NE + j] * H[j];
+  }
+  for (int i = 0; i < NE; ++i) S += H[i] * PH[i];
+  const double off = seen - y - x[NX];
+  if (!isfinite(off) || !(S > 0.0) || !(fabs(off) < noises[3])) return 0;
+  for (int i = 0; i < NE; ++i) x[i] += PH[i] / S * off;
+  for (int i = 0; i < NE; ++i)
+    for (int j = 0; j < NE; ++j) P[i * NE + j] -= PH[i] * PH[j] / S;
+  return 1;
+}
+
+/* Filter: t is the time of the reading; the drives held before and during the period that ends. */
+void po_filter(const double *p, double t, double T, double before, double after, long rise,
+               long held, double seen, const double *noises, double *x, double *P, double *used) {
+  predict(p, t - T, before, after, T, rise, held, noises, x, P);
+  used[0] = (double)correct(p, t, after, seen, noises, x, P);
+}
+
+void po_correct(const double *p, double t, double u, double seen, const double *noises, double *x,
+                double *P, double *used) {
+  used[0] = (double)correct(p, t, u, seen, noises, x, P);
+}
+
+/* One real-time iteration. x: estimate at t, the disturbance last; pending: drives asked before
+   that still wait (delay of them); r: references at the ends of the n periods that follow them;
+   w: moves of last time, shifted by the caller. bounds: low, high, slew, lowest and highest
+   reading, and for the first move its own low and high drive. told: iterations, gap, status
+   (0 as it should be; 1 the program failed and the drive is held as far as limits let it). */
+double po_move(long n, long most, const double *p, double t, double T, const double *x0, double u0,
+               long delay, const double *pending, long rise, long held, const double *r,
+               const double *weights, const double *bounds, double *w, double *work,
+               double *told) {
+  double *A = work, *B = A + n * NZ * NZ, *C = B + n * NZ, *y = C + n * NZ, *e = y + n,
+         *q = e + n, *g = q + n, *limits = g + n, *dw = limits + n * SIDES, *rest = dw + n;
+  double x[NE], none[(NX + 1) * ND], zero[ND], end[NX + 1], u = u0;
+  for (int i = 0; i < NE; ++i) x[i] = x0[i];
+  for (int i = 0; i < (NX + 1) * ND; ++i) none[i] = 0.0;
+  for (int d = 0; d < ND; ++d) zero[d] = 0.0;
+  for (long k = 0; k < delay; ++k) {
+    period(p, t, u, zero, pending[k], zero, T, rise, held, x, none);
+    u = pending[k];
+    t += T;
+  }
+  const double low = bounds[0], high = bounds[1], most_move = bounds[2] * T;
+  /* The moves of last time within the limits, from where the drive is. */
+  double drive = u;
+  for (long k = 0; k < n; ++k) {
+    const double first = k == 0, wanted = isfinite(w[k]) ? drive + w[k] : drive;
+    const double least = first ? bounds[5] : fmin(fmax(drive - most_move, low), drive + most_move);
+    const double largest = first ? bounds[6] : fmax(fmin(drive + most_move, high), drive - most_move);
+    const double next = fmin(fmax(wanted, least), largest);
+    w[k] = next - drive;
+    drive = next;
+  }
+  po_linearise(n, p, t, T, x, u, rise, held, w, A, B, C, y, end);
+  drive = u;
+  for (long k = 0; k < n; ++k) {
+    drive += w[k];
+    const double off = y[k] + x[NX];
+    double *limit = limits + k * SIDES;
+    e[k] = r[k] - off;
+    q[k] = weights[0];
+    g[k] = weights[1] * w[k];
+    dw[k] = 0.0;
+    limit[0] = (k ? -most_move : fmax(bounds[5] - u, -1e30)) - w[k];
+    limit[1] = (k ? most_move : fmin(bounds[6] - u, 1e30)) - w[k];
+    /* Where the drive is out of its range it has the time that its slew rate takes. */
+    limit[2] = fmin(low, u + (k + 1) * most_move) - drive;
+    limit[3] = fmax(high, u - (k + 1) * most_move) - drive;
+    limit[4] = bounds[3] - off;
+    limit[5] = bounds[4] - off;
+    for (int i = 0; i < SIDES; ++i)
+      if (!(fabs(limit[i]) < HUGE_LIMIT)) limit[i] = i % 2 ? 1e30 : -1e30;
+    for (int i = 0; i < 4; i += 2)
+      if (limit[i + 1] - limit[i] < 1e-9 * (1.0 + fabs(limit[i]))) {
+        limit[i] -= 1e-9 * (1.0 + fabs(limit[i]));
+        limit[i + 1] += 1e-9 * (1.0 + fabs(limit[i + 1]));
+      }
+  }
+  q[n - 1] *= weights[2];
+  const Program m = {n, most, A, B, C, e, q, g, limits, weights[1], weights[3]};
+  const long done = solve_program(&m, dw, rest, told + 1);
+  told[0] = (double)done;
+  told[2] = done < 0 ? 1.0 : 0.0;
+  for (long k = 0; k < n; ++k) w[k] = done < 0 || !isfinite(dw[k]) ? 0.0 : w[k] + dw[k];
+  const double asked = u + w[0];
+  const double kept = fmin(fmax(isfinite(asked) ? asked : u, bounds[5]), bounds[6]);
+  w[0] = kept - u;
+  return kept;
+}
+
+long po_move_size(long n) {
+  return n * (NZ * NZ + 2 * NZ + 4 + SIDES + 1) + program_size(n);
+}
