@@ -13,6 +13,7 @@ import typer
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.bench_optimisers import optimisers
 from piezo_opt.cli.solving import pool
 
 bench = typer.Typer(
@@ -28,6 +29,9 @@ class Size(Enum):
 
     STANDARD = "standard"
     HARD = "hard"
+
+
+bench.command()(optimisers)
 
 
 @bench.callback()
