@@ -210,8 +210,11 @@ _IPOPT: Final[Mapping[object, tuple[Ending, str]]] = {
 _FATROP: Final[Mapping[object, tuple[Ending, str]]] = {0: (Ending.CONVERGED, _GOOD)}
 _SQP: Final[Mapping[object, tuple[Ending, str]]] = {
     "Solve_Succeeded": (Ending.CONVERGED, _GOOD),
+    "Search_Direction_Becomes_Too_Small": (
+        Ending.CONVERGED, "the last digits no longer improve"
+    ),
     "Maximum_Iterations_Exceeded": (Ending.LIMIT, ""),
-}
+}  # fmt: skip
 
 
 def _check(name: str, iterations: int, tolerance: float, curvature: str) -> None:
