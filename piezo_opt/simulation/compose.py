@@ -22,7 +22,7 @@ from piezo_opt.simulation.forms import CHANNEL, PARAMETER, RATE, STATE, Form, Te
 Signed = tuple[int, float]
 """A slot and the sign of what is meant."""
 
-SUM: Final = "po_sum"
+SUMS: Final = {count: f"po_sum_{count}" for count in (1, 2, 3, 4)}
 PRODUCT: Final = "po_product"
 QUOTIENT: Final = "po_quotient"
 WEIGHTS: Final = ("po_weights_1", "po_weights_2")
@@ -45,12 +45,21 @@ class Operation:
 @final
 @dataclass(frozen=True)
 class Block:
-    """A linear block: its states, the slots of its matrix, whose rate is nothing but the block."""
+    """A linear block.
+
+    Attributes:
+        states: one or two.
+        matrix: slots of its entries, row by row.
+        quiet: for each state whether its rate is nothing but the other state of the block.
+        heard: whether the rate of a state that is in no block follows it.
+        followed: whether anything within a sub-step does but for multiples within the block.
+    """
 
     states: tuple[int, ...]
     matrix: tuple[int, ...]
     quiet: tuple[bool, ...]
     heard: bool
+    followed: bool
 
 
 @final
@@ -343,10 +352,19 @@ class _List:
 
     def sum_into(self, slot: int, terms: Sequence[Signed]) -> int:
         """A slot that becomes a sum."""
-        flat = [n for of, sign in terms for n in (of, int(sign))]
-        self.operations.append(Operation(SUM, (len(terms), slot, *flat)))
         self.sums[slot] = tuple(terms)
+        left, most = list(terms), max(SUMS)
+        while len(left) > most:
+            inner = self.own.slot(f"sum {slot} {len(left)}")
+            self._add(inner, left[:most])
+            left = [(inner, 1.0), *left[most:]]
+        self._add(slot, left)
         return slot
+
+    def _add(self, slot: int, terms: Sequence[Signed]) -> None:
+        signs = [(of, self.own.constant(sign)) for of, sign in terms]
+        slots = [n for pair in signs for n in pair]
+        self.operations.append(Operation(SUMS[len(terms)], (slot, *slots)))
 
     def positive(self, of: Signed) -> int:
         """A slot that holds the number with its sign."""
@@ -441,6 +459,7 @@ class _Linear:
         }
         self._multiples: dict[int, frozenset[int]] = {}
         self._followed: dict[int, frozenset[int]] = {}
+        self._bent: dict[int, frozenset[int]] = {}
 
     def blocks(self) -> tuple[Block, ...]:
         n = len(self._states)
@@ -463,7 +482,10 @@ class _Linear:
                 slope = self.slope(self.rates[i], j) if i in self.rates else None
                 matrix.append(zero if slope is None else self.once.positive(slope))
         quiet = tuple(self._states.get(self.rates[i]) in states for i in states)
-        return Block(states, tuple(matrix), quiet, heard)
+        read: set[int] = set()
+        for i, slot in self.rates.items():
+            read |= self.bends(slot) if i in states else self.follows(slot)
+        return Block(states, tuple(matrix), quiet, heard, bool(read & {*states}))
 
     def multiples(self, slot: int) -> frozenset[int]:
         """States that a number holds multiples of."""
@@ -514,6 +536,27 @@ class _Linear:
                 found |= self.follows(of)
             self._followed[slot] = frozenset(found)
         return self._followed[slot]
+
+    def bends(self, slot: int) -> frozenset[int]:
+        """States that a number follows otherwise than by multiples."""
+        if slot not in self._bent:
+            found: set[int] = set()
+            stage = self.stage
+            if slot in stage.made:
+                effect, (kind,), inputs, index = stage.made[slot]
+                part = self.own.forms[effect].parts[kind]
+                for name, of in zip(part.inputs, inputs, strict=True):
+                    if name in part.bends[index]:
+                        found |= self.follows(of)
+                    elif name in part.linear[index]:
+                        found |= self.bends(of)
+            for of, _ in stage.sums.get(slot, ()):
+                found |= self.bends(of)
+            if slot in stage.quotients:
+                over, under = stage.quotients[slot]
+                found |= self.bends(over) | self.follows(under)
+            self._bent[slot] = frozenset(found)
+        return self._bent[slot]
 
     def slope(self, slot: int, state: int) -> Signed | None:
         """The multiple of a state that a number holds, as a number of the parameters alone."""

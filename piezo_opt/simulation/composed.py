@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, final
@@ -37,15 +37,15 @@ class _Plan(ctypes.Structure):
 
     _fields_ = [
         *((name, _POINTER) for name in (
-            "operations", "slots", "constants", "constant", "moving", "rates", "plain", "jumping",
-            "after", "blocks",
+            "operations", "slots", "constants", "constant", "moving", "rates", "jumping", "after",
+            "blocks",
         )),
         *((name, _List) for name in _LISTS),
         *((name, _WHOLE) for name in (
-            "count", "kept_plain", "kept_moved", "states", "parameters", "channels", "n_constants",
-            "n_moving", "n_plain", "n_jumping", "n_blocks", "n_weights", "time", "drive", "slope",
-            "channel", "channel_slope", "state", "parameter", "deviation", "length", "weights",
-            "read",
+            "count", "n_slots", "kept_plain", "kept_moved", "states", "parameters", "channels",
+            "n_constants", "n_moving", "n_jumping", "n_blocks", "n_weights", "time", "drive",
+            "slope", "channel", "channel_slope", "state", "parameter", "deviation", "length",
+            "weights", "read",
         )),
     ]  # fmt: skip
 
@@ -181,10 +181,10 @@ def _program(system: System, exact: bool, library: Library) -> Program | None:
                 return None
             found[name] = functions
         composition = compose(system, {n: f.form for n, f in found.items()}, exact)
+        return _planned(system, composition, found, library)
     except (NotComposable, ModelError, NotImplementedError):
         # Either it needs a program of its own, or the assembler says what is wrong.
         return None
-    return _planned(system, composition, found, library)
 
 
 def _planned(
@@ -216,23 +216,26 @@ def _planned(
             slots += one.slots
             plain_numbers += _WIDE * -(-kept[0] // _WIDE)
             moved_numbers += _WIDE * -(-kept[1] // _WIDE)
-    moving = list(composition.rates)
-    at = {state: i for i, state in enumerate(moving)}
+    state = composition.first["state"]
     among = {i for block in composition.blocks for i in block.states}
     blocks = []
     weights = 0
     for block in composition.blocks:
         size = len(block.states)
         blocks.append((
-            size, *_filled([at[i] for i in block.states], 2),
-            *_filled([int(q) for q in block.quiet], 2), *_filled(block.matrix, 4), weights,
+            size, *_filled([state + i for i in block.states], 2),
+            *_filled([composition.rates[i] for i in block.states], 2), *_filled(block.quiet, 2),
+            *_filled(block.matrix, 4), weights, 1, block.followed,
         ))  # fmt: skip
         weights += 6 * size * size
+    moving = [state + i for i in composition.rates if i not in among]
+    rates = {state + i: slot for i, slot in composition.rates.items()}
+    moving = _unread(moving, rates)
     ints = {
         "slots": slots, "constants": list(composition.constants), "moving": moving,
-        "rates": list(composition.rates.values()), "jumping": list(composition.after),
+        "rates": [rates[slot] for slot in moving],
+        "jumping": [state + i for i in composition.after],
         "after": list(composition.after.values()),
-        "plain": [i for i, state in enumerate(moving) if state not in among],
     }  # fmt: skip
     arrays: dict[str, NDArray[Any]] = {k: np.array(v, dtype=np.int32) for k, v in ints.items()}
     arrays["operations"] = np.array(rows, dtype=np.int64)
@@ -242,7 +245,7 @@ def _planned(
         "count": composition.count, "kept_plain": plain_numbers, "kept_moved": moved_numbers,
         "states": len(system.state_names), "parameters": len(system.parameter_names),
         "channels": len(system.channel_names), "n_constants": len(composition.constants),
-        "n_moving": len(moving), "n_plain": len(ints["plain"]),
+        "n_moving": len(moving), "n_slots": len(slots),
         "n_jumping": len(ints["jumping"]), "n_blocks": len(blocks), "n_weights": weights,
         "read": composition.read, **composition.first,
     }  # fmt: skip
@@ -252,6 +255,23 @@ def _planned(
 
 _WIDE: Final = 8
 """Numbers of a cache line."""
+
+
+def _unread(moving: Sequence[int], rates: Mapping[int, int]) -> list[int]:
+    """States in an order in which none is moved before it is read as the rate of another one.
+
+    Raises:
+        NotComposable: they are the rates of each other.
+    """
+    order: list[int] = []
+    left = list(moving)
+    while left:
+        free = [one for one in left if all(rates[o] != one for o in left if o != one)]
+        if not free:
+            raise NotComposable("states are the rates of each other")
+        order += free
+        left = [one for one in left if one not in free]
+    return order
 
 
 def _filled(numbers: Sequence[int], size: int) -> list[int]:

@@ -1,7 +1,7 @@
 /* Runs a model that is composed of functions: nothing in here is compiled for a model.
  *
  * All numbers of an instant (time, drive, channels, states, parameters, signals) are slots of one
- * array; the derivatives of each by all directions lie beside it as rows. A model is a list of
+ * array; the derivatives of each by all directions lie behind it as rows. A model is a list of
  * operations, each a function and the slots of its inputs and outputs, in an order in which every
  * one finds its inputs computed. Which parameter is which direction is data: a one in its row.
  *
@@ -20,21 +20,24 @@ typedef struct {
 
 typedef struct { int64_t first, count; } po_list;
 
-/* A block's states as places in the list of moving states; the slots of L, row by row. */
-typedef struct { int64_t size, moving[2], quiet[2], matrix[4], weights; } po_block;
+/* A linear block: slots of its states and of their rates, of its matrix L row by row, where its
+   weights begin, which of its rates are nothing but the block's own, whether the block's share is
+   in its rates and has to be taken out, and whether anything within a sub-step follows it. */
+typedef struct {
+    int64_t size, state[2], rate[2], quiet[2], matrix[4], weights, whole, followed;
+} po_block;
 
 typedef struct {
     const po_operation *operations;
     const int *slots;
     const int *constants;
     const double *constant;
-    const int *moving, *rates; /* states that move, and the slots of their rates */
-    const int *plain;          /* places in that list of those in no block */
-    const int *jumping, *after; /* states that jump, and the slots of what they become */
+    const int *moving, *rates; /* slots of the states of no block, and of their rates */
+    const int *jumping, *after; /* slots of the states that jump, and of what they become */
     const po_block *blocks;
     po_list once, weigh, stage, reading, jump, start;
-    int64_t count, kept_plain, kept_moved, states, parameters, channels, n_constants, n_moving,
-        n_plain, n_jumping, n_blocks, n_weights;
+    int64_t count, n_slots, kept_plain, kept_moved, states, parameters, channels, n_constants,
+        n_moving, n_jumping, n_blocks, n_weights;
     int64_t time, drive, slope, channel, channel_slope, state, parameter, deviation, length,
         weights, read;
 } po_plan;
@@ -58,76 +61,99 @@ static inline void po_restore(const unsigned *const kept) { __builtin_ia32_ldmxc
 #define ROWS for (long g = 0; g < N; ++g)
 enum { LENGTHS = 16 };
 
-/* Sum of terms, A: their number, where it goes, then slot and sign of each. */
-void po_sum(const int *A, double *V, const double *K, po_row *T, long N)
-{
-    const int m = A[0], *const of = A + 2;
-    double sum = of[1] * V[of[0]];
-    for (int i = 1; i < m; ++i) sum += of[2 * i + 1] * V[of[2 * i]];
-    V[A[1]] = sum;
-    po_row *const out = T + N * A[1];
-    ROWS {
-        po_row all = (double)of[1] * T[N * of[0] + g];
-        for (int i = 1; i < m; ++i) all += (double)of[2 * i + 1] * T[N * of[2 * i] + g];
-        out[g] = all;
+/* Bytes from one slot to the next, with N rows behind each number. */
+#define STRIDE(N) ((N) ? 64 * ((N) + 1) : 8)
+
+#define TERM(i) (PO_NUMBER(A[2 * (i) + 2]) * PO_NUMBER(A[2 * (i) + 1]))
+#define TERM_ROW(i) (PO_NUMBER(A[2 * (i) + 2]) * PO_ROWS(A[2 * (i) + 1])[g])
+#define SUM(name, terms, rows)                                                                     \
+    void name(const int *A, char *B, const double *K, long N)                                      \
+    {                                                                                              \
+        PO_NUMBER(A[0]) = terms;                                                                   \
+        po_row *const out = PO_ROWS(A[0]);                                                         \
+        ROWS out[g] = rows;                                                                        \
     }
-}
+/* A: the sum, then of each term where it is and where its sign is. */
+SUM(po_sum_1, TERM(0), TERM_ROW(0))
+SUM(po_sum_2, TERM(0) + TERM(1), TERM_ROW(0) + TERM_ROW(1))
+SUM(po_sum_3, TERM(0) + TERM(1) + TERM(2), TERM_ROW(0) + TERM_ROW(1) + TERM_ROW(2))
+SUM(po_sum_4, TERM(0) + TERM(1) + TERM(2) + TERM(3),
+    TERM_ROW(0) + TERM_ROW(1) + TERM_ROW(2) + TERM_ROW(3))
 
 /* A: first factor, second factor, product. */
-void po_product(const int *A, double *V, const double *K, po_row *T, long N)
+void po_product(const int *A, char *B, const double *K, long N)
 {
-    const double a = V[A[0]], b = V[A[1]];
-    V[A[2]] = a * b;
-    ROWS T[N * A[2] + g] = b * T[N * A[0] + g] + a * T[N * A[1] + g];
+    const double a = PO_NUMBER(A[0]), b = PO_NUMBER(A[1]);
+    PO_NUMBER(A[2]) = a * b;
+    ROWS PO_ROWS(A[2])[g] = b * PO_ROWS(A[0])[g] + a * PO_ROWS(A[1])[g];
 }
 
 /* A: what is divided, by what, where it goes. */
-void po_quotient(const int *A, double *V, const double *K, po_row *T, long N)
+void po_quotient(const int *A, char *B, const double *K, long N)
 {
-    const double by = 1.0 / V[A[1]], q = V[A[0]] * by;
-    V[A[2]] = q;
-    ROWS T[N * A[2] + g] = by * (T[N * A[0] + g] - q * T[N * A[1] + g]);
+    const double by = 1.0 / PO_NUMBER(A[1]), q = PO_NUMBER(A[0]) * by;
+    PO_NUMBER(A[2]) = q;
+    ROWS PO_ROWS(A[2])[g] = by * (PO_ROWS(A[0])[g] - q * PO_ROWS(A[1])[g]);
 }
 
-void po_nothing(const int *A, const double *V, double *K) {}
+void po_nothing(const int *A, const char *B, double *K) {}
 
-/* Working memory of one run. */
+/* Working memory of one run: slots, what preparations keep, places of the operations' slots; where
+   a sub-step began, what its stages add up to, and the rates of the blocks at each stage. */
 typedef struct {
-    double *v, *k, *x, *n, *a, *kept;
-    po_row *t, *X, *R, *B, *K, *clock;
+    char *b;
+    int *at;
+    double *k, *x, *sum, *kept, *bx, *ba, *bn;
+    po_row *X, *SUM, *K, *BX, *BA, *BN, *clock;
 } po_memory;
 
-INLINE double *carve(double **const left, const int64_t count)
+INLINE void *carve(char **const left, const int64_t bytes)
 {
-    double *const here = *left;
-    *left += (count + 7) / 8 * 8;
+    void *const here = *left;
+    *left += (bytes + 63) / 64 * 64;
     return here;
 }
 
 static void *make(const po_plan *const p, po_memory *const m, const long N)
 {
-    const int64_t moving = p->n_moving + 1, w = p->n_weights + 2;
-    const int64_t k = N ? p->kept_moved : p->kept_plain;
-    const int64_t numbers = p->count + k + p->states + 5 * moving + LENGTHS * w + 64 * 8;
-    const int64_t rows = p->count + p->states + 5 * moving + LENGTHS * w + 2;
-    const int64_t bytes = 8 * (numbers + 64) + 64 * rows * N + 64;
+    const int64_t w = p->n_weights + 2, k = N ? p->kept_moved : p->kept_plain;
+    const int64_t moving = p->n_moving + 1, blocks = 2 * p->n_blocks + 1;
+    const int64_t stride = STRIDE(N);
+    const int64_t numbers = k + 2 * moving + LENGTHS * w + 7 * blocks + 16 * 8;
+    const int64_t rows = N * (2 * moving + LENGTHS * w + 7 * blocks + 1);
+    const int64_t bytes = stride * p->count + 4 * p->n_slots + 8 * numbers + 64 * rows + 16 * 64;
     void *const all = malloc(bytes);
     if (!all) return NULL;
     memset(all, 0, bytes);
-    double *left = (double *)(((uintptr_t)all + 63) / 64 * 64);
-    m->v = carve(&left, p->count);
-    m->k = carve(&left, k);
-    m->x = carve(&left, p->states);
-    m->n = carve(&left, 4 * moving);
-    m->a = carve(&left, moving);
-    m->kept = carve(&left, LENGTHS * w);
-    m->t = (po_row *)carve(&left, 8 * N * p->count);
-    m->X = (po_row *)carve(&left, 8 * N * p->states);
-    m->R = (po_row *)carve(&left, 8 * N * 4 * moving);
-    m->B = (po_row *)carve(&left, 8 * N * moving);
-    m->K = (po_row *)carve(&left, 8 * N * LENGTHS * w);
-    m->clock = (po_row *)carve(&left, 8 * N);
+    char *left = (char *)(((uintptr_t)all + 63) / 64 * 64);
+    m->b = carve(&left, stride * p->count);
+    m->at = carve(&left, 4 * p->n_slots);
+    m->k = carve(&left, 8 * k);
+    m->x = carve(&left, 8 * moving);
+    m->sum = carve(&left, 8 * moving);
+    m->kept = carve(&left, 8 * LENGTHS * w);
+    m->bx = carve(&left, 8 * blocks);
+    m->ba = carve(&left, 8 * blocks);
+    m->bn = carve(&left, 8 * 5 * blocks);
+    m->X = carve(&left, 64 * N * moving);
+    m->SUM = carve(&left, 64 * N * moving);
+    m->K = carve(&left, 64 * N * LENGTHS * w);
+    m->BX = carve(&left, 64 * N * blocks);
+    m->BA = carve(&left, 64 * N * blocks);
+    m->BN = carve(&left, 64 * N * 5 * blocks);
+    m->clock = carve(&left, 64 * N);
+    for (int64_t i = 0; i < p->n_slots; ++i) m->at[i] = p->slots[i] * stride;
     return all;
+}
+
+INLINE double *number(const po_memory *const m, const int64_t slot, const long N)
+{
+    return (double *)(m->b + STRIDE(N) * slot);
+}
+
+INLINE po_row *rows(const po_memory *const m, const int64_t slot, const long N)
+{
+    return (po_row *)(m->b + STRIDE(N) * slot + 64);
 }
 
 INLINE void evaluate(const po_plan *const p, const po_memory *const m, const po_list list,
@@ -135,8 +161,8 @@ INLINE void evaluate(const po_plan *const p, const po_memory *const m, const po_
 {
     const po_operation *const end = p->operations + list.first + list.count;
     for (const po_operation *o = p->operations + list.first; o < end; ++o)
-        if (N) o->moved(p->slots + o->at, m->v, m->k + o->kept_moved, m->t, N);
-        else o->plain(p->slots + o->at, m->v, m->k + o->kept_plain, m->t, 0);
+        if (N) o->moved(m->at + o->at, m->b, m->k + o->kept_moved, N);
+        else o->plain(m->at + o->at, m->b, m->k + o->kept_plain, 0);
 }
 
 static void prepare(const po_plan *const p, const po_memory *const m, const po_list list,
@@ -144,8 +170,8 @@ static void prepare(const po_plan *const p, const po_memory *const m, const po_l
 {
     const po_operation *const end = p->operations + list.first + list.count;
     for (const po_operation *o = p->operations + list.first; o < end; ++o)
-        if (N) o->prepare_moved(p->slots + o->at, m->v, m->k + o->kept_moved);
-        else o->prepare_plain(p->slots + o->at, m->v, m->k + o->kept_plain);
+        if (N) o->prepare_moved(m->at + o->at, m->b, m->k + o->kept_moved);
+        else o->prepare_plain(m->at + o->at, m->b, m->k + o->kept_plain);
 }
 
 /* Parameters, constants and directions. MOVES: for each of D directions the slot whose row has a
@@ -153,10 +179,10 @@ static void prepare(const po_plan *const p, const po_memory *const m, const po_l
 static void begin(const po_plan *const p, const po_memory *const m, const double *const P,
                   const int *const MOVES, const long D, const long N)
 {
-    for (int64_t i = 0; i < p->n_constants; ++i) m->v[p->constants[i]] = p->constant[i];
-    for (int64_t i = 0; i < p->parameters; ++i) m->v[p->parameter + i] = P[i];
+    for (int64_t i = 0; i < p->n_constants; ++i) *number(m, p->constants[i], N) = p->constant[i];
+    for (int64_t i = 0; i < p->parameters; ++i) *number(m, p->parameter + i, N) = P[i];
     for (long d = 0; d < D; ++d)
-        if (MOVES[d] >= 0) ((double *)(m->t + N * MOVES[d]))[d] = 1.0;
+        if (MOVES[d] >= 0) ((double *)rows(m, MOVES[d], N))[d] = 1.0;
 }
 
 /* States X and their sensitivities S (row-major) at rest at time T under drive U and channels C,
@@ -171,15 +197,15 @@ int po_start(const po_plan *const p, const double *T, const double *U, const dou
     void *const all = make(p, m, N);
     if (!all) return 1;
     begin(p, m, P, MOVES, D, N);
-    m->v[p->time] = *T;
-    m->v[p->drive] = *U;
-    for (int64_t i = 0; i < p->channels; ++i) m->v[p->channel + i] = C[i];
-    for (int64_t i = 0; i < p->states; ++i) m->v[p->deviation + i] = DX[i];
+    *number(m, p->time, N) = *T;
+    *number(m, p->drive, N) = *U;
+    for (int64_t i = 0; i < p->channels; ++i) *number(m, p->channel + i, N) = C[i];
+    for (int64_t i = 0; i < p->states; ++i) *number(m, p->deviation + i, N) = DX[i];
     prepare(p, m, p->start, N);
     evaluate(p, m, p->start, N);
     for (int64_t i = 0; i < p->states; ++i) {
-        X[i] = m->v[p->state + i];
-        for (long d = 0; d < D; ++d) S[i * D + d] = ((double *)(m->t + N * (p->state + i)))[d];
+        X[i] = *number(m, p->state + i, N);
+        if (D) memcpy(S + i * D, rows(m, p->state + i, N), D * sizeof(double));
     }
     free(all);
     return 0;
@@ -203,27 +229,32 @@ int po_slopes(const po_plan *const p, const double T, const double U, const doub
     for (const po_block *b = p->blocks; b < p->blocks + p->n_blocks; ++b)
         for (int i = 0; i < b->size; ++i)
             for (int j = 0; j < b->size; ++j)
-                L[p->moving[b->moving[i]] * n + p->moving[b->moving[j]]] =
-                    m->v[b->matrix[b->size * i + j]];
+                L[(b->state[i] - p->state) * n + b->state[j] - p->state] =
+                    *number(m, b->matrix[b->size * i + j], N);
     if (A) {
-        m->v[p->time] = T;
-        m->v[p->drive] = U;
-        m->v[p->slope] = DU;
+        *number(m, p->time, N) = T;
+        *number(m, p->drive, N) = U;
+        *number(m, p->slope, N) = DU;
         for (int64_t i = 0; i < p->channels; ++i) {
-            m->v[p->channel + i] = C[i];
-            m->v[p->channel_slope + i] = DC[i];
+            *number(m, p->channel + i, N) = C[i];
+            *number(m, p->channel_slope + i, N) = DC[i];
         }
         for (long i = 0; i < n; ++i) {
-            m->v[p->state + i] = X[i];
-            ((double *)(m->t + N * (p->state + i)))[i] = 1.0;
+            *number(m, p->state + i, N) = X[i];
+            ((double *)rows(m, p->state + i, N))[i] = 1.0;
         }
         prepare(p, m, p->stage, N);
         evaluate(p, m, p->stage, N);
         memset(A, 0, sizeof(double) * n * n);
         for (int64_t i = 0; i < p->n_moving; ++i)
-            for (long j = 0; j < n; ++j)
-                A[p->moving[i] * n + j] = ((double *)(m->t + N * p->rates[i]))[j];
-        for (long i = 0; i < n * n; ++i) A[i] -= L[i];
+            memcpy(A + (p->moving[i] - p->state) * n, rows(m, p->rates[i], N), n * sizeof(double));
+        for (const po_block *b = p->blocks; b < p->blocks + p->n_blocks; ++b)
+            for (int i = 0; i < b->size; ++i) {
+                const long at = b->state[i] - p->state;
+                if (b->quiet[i]) continue;
+                memcpy(A + at * n, rows(m, b->rate[i], N), n * sizeof(double));
+                for (long j = 0; b->whole && j < n; ++j) A[at * n + j] -= L[at * n + j];
+            }
     }
     free(all);
     return 0;
@@ -243,93 +274,176 @@ typedef struct {
     double most;
 } po_wanted;
 
-/* Rates of the moving states less what their blocks take over, as stage s. */
-INLINE void rates(const po_plan *const p, const po_memory *const m, const int s, const long N)
-{
-    const int64_t count = p->n_moving;
-    double *const n = m->n + s * (count + 1);
-    po_row *const R = m->R + N * s * (count + 1);
-    evaluate(p, m, p->stage, N);
-    for (int64_t i = 0; i < count; ++i) {
-        n[i] = m->v[p->rates[i]];
-        ROWS R[N * i + g] = m->t[N * p->rates[i] + g];
-    }
-    for (const po_block *b = p->blocks; b < p->blocks + p->n_blocks; ++b)
-        for (int i = 0; i < b->size; ++i) {
-            const int64_t at = b->moving[i];
-            if (b->quiet[i]) continue;
-            for (int j = 0; j < b->size; ++j) {
-                const int64_t l = b->matrix[b->size * i + j];
-                const int64_t x = p->state + p->moving[b->moving[j]];
-                const double by = m->v[l], of = m->v[x];
-                n[at] -= by * of;
-                ROWS R[N * at + g] -= by * m->t[N * x + g] + of * m->t[N * l + g];
-            }
-        }
-}
-
 /* Where the instant's own numbers are, a share of a sub-step after its beginning. */
 typedef struct { double t, u, du, tT, uT; const double *c, *dc, *cT; } po_instant;
 
 INLINE void place(const po_plan *const p, const po_memory *const m, const po_instant *const at,
                   const double past, const double pastT, const int delayed, const long N)
 {
-    m->v[p->time] = at->t + past;
-    m->v[p->drive] = at->u + at->du * past;
+    *number(m, p->time, N) = at->t + past;
+    *number(m, p->drive, N) = at->u + at->du * past;
     for (int64_t i = 0; i < p->channels; ++i)
-        m->v[p->channel + i] = at->c[i] + at->dc[i] * past;
+        *number(m, p->channel + i, N) = at->c[i] + at->dc[i] * past;
     if (delayed) ROWS {
-        m->t[N * p->time + g] = (at->tT + pastT) * m->clock[g];
-        m->t[N * p->drive + g] = (at->uT + at->du * pastT) * m->clock[g];
+        rows(m, p->time, N)[g] = (at->tT + pastT) * m->clock[g];
+        rows(m, p->drive, N)[g] = (at->uT + at->du * pastT) * m->clock[g];
         for (int64_t i = 0; i < p->channels; ++i)
-            m->t[N * (p->channel + i) + g] = (at->cT[i] + at->dc[i] * pastT) * m->clock[g];
+            rows(m, p->channel + i, N)[g] = (at->cT[i] + at->dc[i] * pastT) * m->clock[g];
     }
 }
 
-/* States of no block a way of h along a stage's rates from where the sub-step began. */
-INLINE void plainly(const po_plan *const p, const po_memory *const m, const int s, const double h,
-                    const double hT, const int delayed, const long N)
-{
-    const double *const n = m->n + s * (p->n_moving + 1);
-    const po_row *const R = m->R + N * s * (p->n_moving + 1);
-    for (int64_t i = 0; i < p->n_plain; ++i) {
-        const int64_t at = p->plain[i], x = p->moving[at];
-        m->v[p->state + x] = m->x[x] + h * n[at];
-        po_row *const to = m->t + N * (p->state + x);
-        ROWS to[g] = m->X[N * x + g] + h * R[N * at + g];
-        if (delayed) ROWS to[g] += (n[at] * hT) * m->clock[g];
-    }
-}
-
-/* For block b entry i: sum over j of weights from slot w times numbers (place j in the list of
-   moving states) and their rows, added up. */
+/* For entry e of block b: sum over its states of the weights of one kind times numbers, and rows. */
 INLINE void weighed(const po_block *const b, const double *const W, const po_row *const WR,
-                    const int which, const int i, const double *const of, const po_row *const OF,
-                    const int skip_quiet, double *const sum, po_row *const all, const long N)
+                    const int which, const int e, const double *const of, const po_row *const OF,
+                    const int skip_quiet, double *const sum, po_row *all, const long N)
 {
-    const int64_t size = b->size, first = b->weights + which * size * size + size * i;
+    const int64_t size = b->size, first = b->weights + which * size * size + size * e;
     for (int j = 0; j < size; ++j) {
         if (skip_quiet && b->quiet[j]) continue;
-        const int64_t at = b->moving[j];
-        const double w = W[first + j], x = of[at];
+        const double w = W[first + j], x = of[j];
         *sum += w * x;
-        ROWS all[g] += w * OF[N * at + g] + x * WR[N * (first + j) + g];
+        ROWS all[g] += w * OF[N * j + g] + x * WR[N * (first + j) + g];
     }
 }
 
 enum { HALF, HALF_INPUT, WHOLE, FIRST, MIDDLE, LAST };
 
+/* The blocks' rates at stage s, less what their matrix takes over; before any state is moved. */
+INLINE void block_rates(const po_plan *const p, const po_memory *const m, const int s,
+                        const long N)
+{
+    const po_block *b = p->blocks;
+    for (int64_t k = 0; k < p->n_blocks; ++k, ++b) {
+        double *const n = m->bn + (5 * k + s) * 2;
+        po_row *const R = m->BN + N * (5 * k + s) * 2;
+        for (int i = 0; i < b->size; ++i) {
+            if (b->quiet[i]) continue;
+            n[i] = *number(m, b->rate[i], N);
+            const po_row *const rate = rows(m, b->rate[i], N);
+            ROWS R[N * i + g] = rate[g];
+            for (int j = 0; b->whole && j < b->size; ++j) {
+                const int64_t l = b->matrix[b->size * i + j];
+                const double by = *number(m, l, N), of = *number(m, b->state[j], N);
+                n[i] -= by * of;
+                const po_row *const x = rows(m, b->state[j], N), *const by_row = rows(m, l, N);
+                ROWS R[N * i + g] -= by * x[g] + of * by_row[g];
+            }
+        }
+        if (s == 0) for (int i = 0; i < b->size; ++i) {
+            m->bx[2 * k + i] = *number(m, b->state[i], N);
+            ROWS m->BX[N * (2 * k + i) + g] = rows(m, b->state[i], N)[g];
+        }
+    }
+}
+
+/* The blocks' states at stage s + 1: half-steps from the beginning, the last one from the first
+   one's end along 2 n3 - n1. */
+INLINE void block_stages(const po_plan *const p, const po_memory *const m, const double *const W,
+                         const po_row *const WR, const int s, const long N)
+{
+    const po_block *b = p->blocks;
+    for (int64_t k = 0; k < p->n_blocks; ++k, ++b) {
+        if (!b->followed) continue;
+        double *along = m->bn + (5 * k + s) * 2, *from = m->bx + 2 * k;
+        po_row *ALONG = m->BN + N * (5 * k + s) * 2, *FROM = m->BX + N * 2 * k;
+        if (s == 2) {
+            double *const n1 = m->bn + 10 * k, *const input = n1 + 8;
+            po_row *const R1 = m->BN + N * 10 * k, *const INPUT = R1 + N * 8;
+            for (int j = 0; j < b->size; ++j) {
+                input[j] = 2.0 * along[j] - n1[j];
+                ROWS INPUT[N * j + g] = 2.0 * ALONG[N * j + g] - R1[N * j + g];
+            }
+            along = input, ALONG = INPUT, from = m->ba + 2 * k, FROM = m->BA + N * 2 * k;
+        }
+        for (int e = 0; e < b->size; ++e) {
+            double sum = 0.0;
+            po_row all[N + 1];
+            ROWS all[g] = (po_row){0};
+            weighed(b, W, WR, HALF, e, from, FROM, 0, &sum, all, N);
+            weighed(b, W, WR, HALF_INPUT, e, along, ALONG, 1, &sum, all, N);
+            *number(m, b->state[e], N) = sum;
+            po_row *const to = rows(m, b->state[e], N);
+            ROWS to[g] = all[g];
+            if (s == 0) {
+                m->ba[2 * k + e] = sum;
+                ROWS m->BA[N * (2 * k + e) + g] = all[g];
+            }
+        }
+    }
+}
+
+/* The blocks' states at the sub-step's end. */
+INLINE void block_ends(const po_plan *const p, const po_memory *const m, const double *const W,
+                       const po_row *const WR, const long N)
+{
+    const po_block *b = p->blocks;
+    for (int64_t k = 0; k < p->n_blocks; ++k, ++b) {
+        double *const n1 = m->bn + 10 * k, *const n2 = n1 + 2, *const n3 = n1 + 4;
+        double *const n4 = n1 + 6, *const input = n1 + 8;
+        po_row *const R1 = m->BN + N * 10 * k, *const R2 = R1 + N * 2, *const R3 = R1 + N * 4;
+        po_row *const R4 = R1 + N * 6, *const INPUT = R1 + N * 8;
+        for (int j = 0; j < b->size; ++j) {
+            input[j] = n2[j] + n3[j];
+            ROWS INPUT[N * j + g] = R2[N * j + g] + R3[N * j + g];
+        }
+        for (int e = 0; e < b->size; ++e) {
+            double sum = 0.0;
+            po_row all[N + 1];
+            ROWS all[g] = (po_row){0};
+            weighed(b, W, WR, WHOLE, e, m->bx + 2 * k, m->BX + N * 2 * k, 0, &sum, all, N);
+            weighed(b, W, WR, FIRST, e, n1, R1, 1, &sum, all, N);
+            weighed(b, W, WR, MIDDLE, e, input, INPUT, 1, &sum, all, N);
+            weighed(b, W, WR, LAST, e, n4, R4, 1, &sum, all, N);
+            *number(m, b->state[e], N) = sum;
+            po_row *const to = rows(m, b->state[e], N);
+            ROWS to[g] = all[g];
+        }
+    }
+}
+
+/* Moves the states of no block after stage s. They are in an order in which no state is moved that
+   is still read as the rate of another one. */
+INLINE void move(const po_plan *const p, const po_memory *const m, const int s, const double h,
+                 const double hT, const int delayed, const long N)
+{
+    const double part = s < 2 ? 0.5 * h : s == 2 ? h : h * (1.0 / 6.0);
+    const double partT = s < 2 ? 0.5 * hT : s == 2 ? hT : hT * (1.0 / 6.0);
+    for (int64_t a = 0; a < p->n_moving; ++a) {
+        double *const x = number(m, p->moving[a], N), n = *number(m, p->rates[a], N);
+        po_row *const X = rows(m, p->moving[a], N), *const BEGUN = m->X + N * a;
+        po_row *const SUM = m->SUM + N * a, *const R = rows(m, p->rates[a], N);
+        double way = n;
+        if (s == 0) {
+            m->x[a] = *x;
+            m->sum[a] = n;
+            *x += part * n;
+            ROWS {
+                BEGUN[g] = X[g];
+                SUM[g] = R[g];
+                X[g] += part * R[g];
+            }
+        } else if (s < 3) {
+            m->sum[a] += 2.0 * n;
+            *x = m->x[a] + part * n;
+            ROWS {
+                SUM[g] += 2.0 * R[g];
+                X[g] = BEGUN[g] + part * R[g];
+            }
+        } else {
+            way = m->sum[a] + n;
+            *x = m->x[a] + part * way;
+            ROWS X[g] = BEGUN[g] + part * (SUM[g] + R[g]);
+        }
+        if (delayed) ROWS X[g] += (way * partT) * m->clock[g];
+    }
+}
+
 INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
                  const po_segments *const s, const po_wanted *const to, const int delayed,
                  const long N)
 {
-    const int64_t nx = p->states, nc = p->channels, count = p->n_moving, nw = p->n_weights;
-    const int64_t stride = count + 1, wide = nw + 2;
-    double *const now = m->v + p->state;
-    po_row *const NOW = m->t + N * p->state;
-    double c[nc + 1], cT[nc + 1], begun[stride], input[stride];
-    po_row BEGUN[N * stride + 1], INPUT[N * stride + 1];
-    double squares = 0.0;
+    const int64_t nx = p->states, nc = p->channels, nw = p->n_weights, wide = nw + 2;
+    double c[nc + 1], cT[nc + 1], squares = 0.0;
     int known = 0, next = 0, at = 0;
     double *W = m->kept;
     po_row *WR = m->K;
@@ -349,19 +463,22 @@ INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
                 const double *const one = m->kept + at * wide;
                 if (one[nw] == h && one[nw + 1] == hT) break;
             }
-            W = m->kept + at * wide;
-            WR = m->K + N * at * wide;
-            if (at == known) {
+            const int fresh = at == known;
+            if (fresh) {
                 if (known < LENGTHS) ++known;
                 else at = next;
                 next = (next + 1) % LENGTHS;
-                W = m->kept + at * wide;
-                WR = m->K + N * at * wide;
-                m->v[p->length] = h;
-                ROWS m->t[N * p->length + g] = hT * m->clock[g];
+            }
+            W = m->kept + at * wide;
+            WR = m->K + N * at * wide;
+            if (fresh) {
+                *number(m, p->length, N) = h;
+                ROWS rows(m, p->length, N)[g] = hT * m->clock[g];
                 evaluate(p, m, p->weigh, N);
-                memcpy(W, m->v + p->weights, nw * sizeof(double));
-                memcpy(WR, m->t + N * p->weights, N * nw * sizeof(po_row));
+                for (int64_t i = 0; i < nw; ++i) {
+                    W[i] = *number(m, p->weights + i, N);
+                    ROWS WR[N * i + g] = rows(m, p->weights + i, N)[g];
+                }
                 W[nw] = h;
                 W[nw + 1] = hT;
             }
@@ -369,98 +486,39 @@ INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
         po_instant i = {s->T[j], s->U[j], s->DU[j], 0.0, 0.0, c, s->DC + j * nc, cT};
         for (int64_t a = 0; a < nc; ++a) {
             c[a] = s->C[j * nc + a];
-            m->v[p->channel_slope + a] = i.dc[a];
+            *number(m, p->channel_slope + a, N) = i.dc[a];
         }
         if (delayed) {
             i.tT = s->TT[j];
             i.uT = s->UT[j];
             for (int64_t a = 0; a < nc; ++a) cT[a] = s->CT[j * nc + a];
         }
-        m->v[p->slope] = i.du;
-        const double half = 0.5 * h, halfT = 0.5 * hT;
+        *number(m, p->slope, N) = i.du;
         for (int cut = 0; cut < cuts; ++cut) {
-            place(p, m, &i, 0.0, 0.0, delayed, N);
-            rates(p, m, 0, N);
-            for (int64_t a = 0; a < count; ++a) {
-                begun[a] = m->x[p->moving[a]];
-                ROWS BEGUN[N * a + g] = m->X[N * p->moving[a] + g];
-            }
-            place(p, m, &i, half, halfT, delayed, N);
-            for (int stage = 1; stage < 4; ++stage) {
-                /* The first two half-steps go from the beginning, the last from the first one's
-                   end along 2 n3 - n1. */
-                const double *from = begun, *along = m->n + (stage - 1) * stride;
-                const po_row *FROM = BEGUN, *ALONG = m->R + N * (stage - 1) * stride;
-                if (stage == 3) {
-                    place(p, m, &i, h, hT, delayed, N);
-                    plainly(p, m, 2, h, hT, delayed, N);
-                    if (p->n_blocks) for (int64_t a = 0; a < count; ++a) {
-                        input[a] = 2.0 * along[a] - m->n[a];
-                        ROWS INPUT[N * a + g] = 2.0 * ALONG[N * a + g] - m->R[N * a + g];
-                    }
-                    from = m->a, FROM = m->B, along = input, ALONG = INPUT;
-                } else
-                    plainly(p, m, stage - 1, half, halfT, delayed, N);
-                for (const po_block *b = p->blocks; b < p->blocks + p->n_blocks; ++b)
-                    for (int e = 0; e < b->size; ++e) {
-                        double sum = 0.0;
-                        po_row all[N + 1];
-                        ROWS all[g] = (po_row){0};
-                        weighed(b, W, WR, HALF, e, from, FROM, 0, &sum, all, N);
-                        weighed(b, W, WR, HALF_INPUT, e, along, ALONG, 1, &sum, all, N);
-                        const int64_t x = p->moving[b->moving[e]];
-                        now[x] = sum;
-                        ROWS NOW[N * x + g] = all[g];
-                        if (stage == 1) {
-                            m->a[b->moving[e]] = sum;
-                            ROWS m->B[N * b->moving[e] + g] = all[g];
-                        }
-                    }
-                rates(p, m, stage, N);
-            }
-            const double h6 = h * (1.0 / 6.0), h6T = hT * (1.0 / 6.0);
-            const double *const n1 = m->n, *const n2 = n1 + stride, *const n3 = n2 + stride;
-            const double *const n4 = n3 + stride;
-            const po_row *const R1 = m->R, *const R2 = R1 + N * stride;
-            const po_row *const R3 = R2 + N * stride, *const R4 = R3 + N * stride;
-            for (int64_t a = 0; a < p->n_plain; ++a) {
-                const int64_t k = p->plain[a], x = p->moving[k];
-                const double way = n1[k] + 2.0 * (n2[k] + n3[k]) + n4[k];
-                m->x[x] = begun[k] + h6 * way;
-                ROWS m->X[N * x + g] += h6 * (R1[N * k + g]
-                    + 2.0 * (R2[N * k + g] + R3[N * k + g]) + R4[N * k + g]);
-                if (delayed) ROWS m->X[N * x + g] += (h6T * way) * m->clock[g];
-                now[x] = m->x[x];
-                ROWS NOW[N * x + g] = m->X[N * x + g];
-            }
-            if (p->n_blocks) for (int64_t a = 0; a < count; ++a) {
-                input[a] = n2[a] + n3[a];
-                ROWS INPUT[N * a + g] = R2[N * a + g] + R3[N * a + g];
-            }
-            for (const po_block *b = p->blocks; b < p->blocks + p->n_blocks; ++b)
-                for (int e = 0; e < b->size; ++e) {
-                    double sum = 0.0;
-                    po_row all[N + 1];
-                    ROWS all[g] = (po_row){0};
-                    weighed(b, W, WR, WHOLE, e, begun, BEGUN, 0, &sum, all, N);
-                    weighed(b, W, WR, FIRST, e, n1, R1, 1, &sum, all, N);
-                    weighed(b, W, WR, MIDDLE, e, input, INPUT, 1, &sum, all, N);
-                    weighed(b, W, WR, LAST, e, n4, R4, 1, &sum, all, N);
-                    const int64_t x = p->moving[b->moving[e]];
-                    m->x[x] = now[x] = sum;
-                    ROWS m->X[N * x + g] = NOW[N * x + g] = all[g];
-                }
+#define STAGE(s, past, pastT)                                                                      \
+    place(p, m, &i, past, pastT, delayed, N);                                                      \
+    evaluate(p, m, p->stage, N);                                                                   \
+    block_rates(p, m, s, N);                                                                       \
+    move(p, m, s, h, hT, delayed, N);
+            STAGE(0, 0.0, 0.0)
+            block_stages(p, m, W, WR, 0, N);
+            STAGE(1, 0.5 * h, 0.5 * hT)
+            block_stages(p, m, W, WR, 1, N);
+            STAGE(2, 0.5 * h, 0.5 * hT)
+            block_stages(p, m, W, WR, 2, N);
+            STAGE(3, h, hT)
+            block_ends(p, m, W, WR, N);
             if (p->n_jumping) {
+                double became[p->n_jumping];
+                po_row BECAME[N * p->n_jumping + 1];
                 evaluate(p, m, p->jump, N);
                 for (int64_t a = 0; a < p->n_jumping; ++a) {
-                    const int64_t x = p->jumping[a];
-                    m->x[x] = m->v[p->after[a]];
-                    ROWS m->X[N * x + g] = m->t[N * p->after[a] + g];
+                    became[a] = *number(m, p->after[a], N);
+                    ROWS BECAME[N * a + g] = rows(m, p->after[a], N)[g];
                 }
                 for (int64_t a = 0; a < p->n_jumping; ++a) {
-                    const int64_t x = p->jumping[a];
-                    now[x] = m->x[x];
-                    ROWS NOW[N * x + g] = m->X[N * x + g];
+                    *number(m, p->jumping[a], N) = became[a];
+                    ROWS rows(m, p->jumping[a], N)[g] = BECAME[N * a + g];
                 }
             }
             i.t += h;
@@ -476,19 +534,19 @@ INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
         if (k < 0) continue;
         place(p, m, &i, 0.0, 0.0, delayed, N);
         evaluate(p, m, p->reading, N);
-        const double y = to->Y[k] = m->v[p->read];
-        const double *const slopes = (double *)(m->t + N * p->read);
-        for (long d = 0; d < to->D; ++d) to->J[k * to->D + d] = slopes[d];
+        const double y = to->Y[k] = *number(m, p->read, N);
+        if (N) memcpy(to->J + k * to->D, rows(m, p->read, N), to->D * sizeof(double));
         if (to->M && to->M[k] == to->M[k]) {
             squares += (y - to->M[k]) * (y - to->M[k]);
             if (!(squares <= to->most)) return;
         }
-        if (to->XO) memcpy(to->XO + k * nx, m->x, nx * sizeof(double));
+        if (to->XO)
+            for (int64_t a = 0; a < nx; ++a) to->XO[k * nx + a] = *number(m, p->state + a, N);
     }
-    memcpy(to->X, m->x, nx * sizeof(double));
-    for (int64_t a = 0; a < nx; ++a)
-        for (long d = 0; d < to->D; ++d)
-            to->S[a * to->D + d] = ((double *)(m->X + N * a))[d];
+    for (int64_t a = 0; a < nx; ++a) {
+        to->X[a] = *number(m, p->state + a, N);
+        if (N) memcpy(to->S + a * to->D, rows(m, p->state + a, N), to->D * sizeof(double));
+    }
 }
 
 /* n segments: length H [s], sub-steps NSUB, start time T, drive U with slope DU, channels C with
@@ -508,18 +566,17 @@ int po_run(const po_plan *const p, const long n, const po_segments *const s,
     void *const all = make(p, m, N);
     if (!all) return 1;
     begin(p, m, to->P, to->MOVES, D, N);
-    memcpy(m->x, to->X, p->states * sizeof(double));
-    memcpy(m->v + p->state, to->X, p->states * sizeof(double));
-    for (int64_t a = 0; a < p->states; ++a)
-        for (long d = 0; d < D; ++d)
-            ((double *)(m->X + N * a))[d] = ((double *)(m->t + N * (p->state + a)))[d] =
-                to->S[a * D + d];
+    for (int64_t a = 0; a < p->states; ++a) {
+        *number(m, p->state + a, N) = to->X[a];
+        if (N) memcpy(rows(m, p->state + a, N), to->S + a * D, D * sizeof(double));
+    }
     if (to->CLOCKS) for (long d = 0; d < D; ++d) ((double *)m->clock)[d] = to->CLOCKS[d];
     const int delayed = to->CLOCKS && N;
     if (N == 0) walk(p, m, n, s, to, 0, 0);
     else if (delayed) walk(p, m, n, s, to, 1, N);
     else if (N == 1) walk(p, m, n, s, to, 0, 1);
     else if (N == 2) walk(p, m, n, s, to, 0, 2);
+    else if (N == 3) walk(p, m, n, s, to, 0, 3);
     else walk(p, m, n, s, to, 0, N);
     free(all);
     return 0;

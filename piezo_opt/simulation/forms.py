@@ -54,6 +54,7 @@ class Part:
         outputs: how many numbers it says.
         needs: for each output the inputs that it follows.
         linear: for each output the coefficient of each input that it holds a multiple of.
+        bends: for each output the inputs that it follows otherwise than by multiples.
         symbol: name of its C functions.
         kept: numbers that its preparation keeps, without and with derivatives.
     """
@@ -62,6 +63,7 @@ class Part:
     outputs: int
     needs: tuple[tuple[str, ...], ...]
     linear: tuple[Mapping[str, Term], ...]
+    bends: tuple[tuple[str, ...], ...]
     symbol: str = ""
     kept: tuple[int, int] = (0, 0)
 
@@ -263,26 +265,33 @@ class _Writer:
             ca.Function("po_moved", [p, z], ca.cse([column, derivatives])),
             tuple(place for place, _ in told),
         )
+        needs = [{s.name() for s in ca.symvar(one)} for one in outputs]
         linear: list[Mapping[str, Term]] = [{}] * len(outputs)
+        bends = needs
         if structure and others:
-            linear = self._linear(kind, outputs, others, z)
-        needs = tuple(
-            tuple(n for n in inputs if n in {s.name() for s in ca.symvar(one)}) for one in outputs
-        )
-        self._parts[kind] = Part(inputs, len(outputs), needs, tuple(linear))
+            linear, bends = self._linear(kind, outputs, others, z)
+
+        def ordered(names: set[str]) -> tuple[str, ...]:
+            return tuple(n for n in inputs if n in names)
+
+        self._parts[kind] = Part(
+            inputs, len(outputs), tuple(map(ordered, needs)), tuple(linear),
+            tuple(map(ordered, bends)),
+        )  # fmt: skip
 
     def _linear(
         self, kind: str, outputs: Sequence[ca.SX], others: Sequence[str], z: ca.SX
-    ) -> list[Mapping[str, Term]]:
+    ) -> tuple[list[Mapping[str, Term]], list[set[str]]]:
+        """Multiples of inputs in each output, and the inputs that the rest of it follows."""
         wanted = {i: self._symbols[n] for i, n in enumerate(others)}
-        found = [split(one, wanted, z, z)[0] for one in outputs]
-        told = [(i, j, slope) for i, one in enumerate(found) for j, slope in one.items()]
+        found = [split(one, wanted, z, z) for one in outputs]
+        told = [(i, j, slope) for i, (one, _) in enumerate(found) for j, slope in one.items()]
         terms = self._terms(f"linear {kind}", ca.vertcat(*(s for *_, s in told)), structure=False)
         linear: list[dict[str, Term]] = [{} for _ in outputs]
         for (i, j, _), term in zip(told, terms, strict=True):
             if not (term.kind == "number" and term.value == 0.0):
                 linear[i][others[j]] = term
-        return list(linear)
+        return list(linear), [{s.name() for s in ca.symvar(rest)} for _, rest in found]
 
 
 def _moves(name: str) -> bool:

@@ -43,9 +43,11 @@ def _half(symbol: str, function: ca.Function, places: Sequence[tuple[int, int]])
     used = set(re.findall(r"\w+", "\n".join(deep)))
     lines = list(deep[: len(block.levels[1])])
     outputs = [list(texts) for texts in block.outputs]
-    before = [f"const double p_{i} = V[A[{i}]];" for i in range(np_)]
-    after = [f"const double z_{i} = V[A[{np_ + i}]];" for i in range(nz) if f"z_{i}" in used]
-    after += [f"const double p_{i} = V[A[{i}]];" for i in range(np_) if f"p_{i}" in used]
+    before = [f"const double p_{i} = PO_NUMBER(A[{i}]);" for i in range(np_)]
+    after = [
+        f"const double z_{i} = PO_NUMBER(A[{np_ + i}]);" for i in range(nz) if f"z_{i}" in used
+    ]
+    after += [f"const double p_{i} = PO_NUMBER(A[{i}]);" for i in range(np_) if f"p_{i}" in used]
     keep: list[str] = []
     kept = 0
     for line in block.levels[0]:
@@ -61,14 +63,14 @@ def _half(symbol: str, function: ca.Function, places: Sequence[tuple[int, int]])
             keep.append(f"memcpy(K + {kept}, &{name}, sizeof({kind}));")
             lines = [text.replace(f"&{name})", f"(const {kind} *)(K + {kept}))") for text in lines]
             kept += _TABLE
-    stores = [f"V[A[{np_ + nz + i}]] = {outputs[0][i]};" for i in range(count)]
+    stores = [f"PO_NUMBER(A[{np_ + nz + i}]) = {outputs[0][i]};" for i in range(count)]
     body = [*after, *lines, *stores]
     if len(block.outputs) > 1:
         body += _rows(outputs[1], places, np_ + nz, count)
     first = "\n    ".join([*before, *keep]) if keep else ""
     text = (
-        f"static void {symbol}_k(const int *A, const double *V, double *K)\n{{\n    {first}\n}}\n"
-        f"static void {symbol}(const int *A, double *V, const double *K, po_row *T, long N)\n"
+        f"static void {symbol}_k(const int *A, const char *B, double *K)\n{{\n    {first}\n}}\n"
+        f"static void {symbol}(const int *A, char *B, const double *K, long N)\n"
         "{\n    " + "\n    ".join(body) + "\n}\n"
         f"const po_function {symbol}_f = {{{symbol}_k, {symbol}}};\n"
     )
@@ -81,8 +83,8 @@ def _rows(
     """Lines that make the rows of the outputs."""
     read = sorted({column for _, column in places})
     lines = [f"const double j{k} = {text};" for k, text in enumerate(slopes)]
-    lines += [f"const po_row *const r{i} = T + N * A[{i}];" for i in read]
-    lines += [f"po_row *const o{i} = T + N * A[{inputs + i}];" for i in range(outputs)]
+    lines += [f"const po_row *const r{i} = PO_ROWS(A[{i}]);" for i in read]
+    lines += [f"po_row *const o{i} = PO_ROWS(A[{inputs + i}]);" for i in range(outputs)]
     lines.append("for (long g = 0; g < N; ++g) {")
     for i in range(outputs):
         terms = [f"j{k} * r{c}[g]" for k, (row, c) in enumerate(places) if row == i]

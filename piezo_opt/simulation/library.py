@@ -25,7 +25,7 @@ from piezo_opt.effects.base import Effect
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.keeping import digest
 from piezo_opt.simulation.compiler import find_compiler, load
-from piezo_opt.simulation.compose import PRODUCT, QUOTIENT, SUM, WEIGHTS
+from piezo_opt.simulation.compose import PRODUCT, QUOTIENT, SUMS, WEIGHTS
 from piezo_opt.simulation.exponential import weights
 from piezo_opt.simulation.forms import Form, Part, Term, Written, changeable, common, written
 from piezo_opt.simulation.functions import c_functions
@@ -235,7 +235,7 @@ def _told(form: Form) -> dict[str, Any]:
 
     def part(one: Part) -> list[Any]:
         linear = [{n: term(t) for n, t in of.items()} for of in one.linear]
-        return [one.inputs, one.outputs, one.needs, linear, one.symbol, one.kept]
+        return [one.inputs, one.outputs, one.needs, linear, one.bends, one.symbol, one.kept]
 
     parts = {k: part(one) for k, one in form.parts.items()}
     single = {k: term(getattr(form, k)) for k in _SINGLE}
@@ -251,9 +251,10 @@ def _form(told: Mapping[str, Any]) -> Form:
     parts = {
         k: Part(
             tuple(inputs), outputs, tuple(tuple(one) for one in needs),
-            tuple({n: Term(*t) for n, t in one.items()} for one in linear), symbol, tuple(kept),
+            tuple({n: Term(*t) for n, t in one.items()} for one in linear),
+            tuple(tuple(one) for one in bends), symbol, tuple(kept),
         )
-        for k, (inputs, outputs, needs, linear, symbol, kept) in told["parts"].items()
+        for k, (inputs, outputs, needs, linear, bends, symbol, kept) in told["parts"].items()
     }  # fmt: skip
     gives, rate, inertia, delays = (Term(*told[k]) for k in _SINGLE)
     moves, starts, becomes = (
@@ -291,5 +292,5 @@ class _Progress:
             sys.stderr.flush()
 
 
-GENERIC: Final = (SUM, PRODUCT, QUOTIENT)
+GENERIC: Final = (*SUMS.values(), PRODUCT, QUOTIENT)
 """Functions of the core itself."""
