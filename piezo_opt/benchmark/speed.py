@@ -1,8 +1,9 @@
 """How fast the simulation runs, compared in one run on one machine.
 
 The measure is a loop written by hand: the same Runge-Kutta scheme for the same model, as somebody
-writes it who knows C and this one model, built by the same compiler with the same flags. What is
-generated for any sum of effects should not be slower than that by more than a little.
+writes it who knows C and this one model, built by the same compiler with the same flags. A program
+that is generated and compiled for one sum of effects should not be slower than that by more than a
+little; one that is composed of compiled effects is, and needs no compiler.
 """
 
 from __future__ import annotations
@@ -175,8 +176,11 @@ def measure(samples: int = 100_000, repetitions: int = 7, *, references: bool = 
     bent = values.with_({_EXPONENT: _BENT})
     directions = (*_free(), INITIAL + "bouc_wen.h")
     cut = Substeps(1.0 / (RATE * SUBSTEPS), 1e9)
-    ours = Simulator(MODEL, record, values, directions=directions, substeps=cut)
-    free = Simulator(MODEL, record, bent, directions=(*directions, _EXPONENT), substeps=cut)
+    ours = Simulator(MODEL, record, values, directions=directions, substeps=cut, whole=True)
+    parts = Simulator(MODEL, record, values, directions=directions, substeps=cut, whole=False)
+    free = Simulator(
+        MODEL, record, bent, directions=(*directions, _EXPONENT), substeps=cut, whole=True
+    )
     libraries = [load(law + BY_HAND) for law in (STRAIGHT, POWER)]
     if libraries[0] is None or libraries[1] is None or not ours.compiled:
         raise PiezoOptError("The speed of compiled code needs a C compiler: install gcc or clang.")
@@ -185,13 +189,17 @@ def measure(samples: int = 100_000, repetitions: int = 7, *, references: bool = 
     swinging = Values.nominal(TWO_MODES).with_(_MODES)
     struck = _struck(samples)
     stepped, exact = (
-        Simulator(TWO_MODES, struck, swinging, exact=linear) for linear in (False, True)
+        Simulator(TWO_MODES, struck, swinging, exact=linear, whole=True) for linear in (False, True)
     )
     ways: dict[str, tuple[Callable[[], object], int, float | None, str]] = {
         "by hand": (by_hand, samples, SUBSTEPS, ""),
         "compiled": (lambda: ours.reading(values), samples, SUBSTEPS, ""),
         f"with {len(directions)} sensitivities": (
             lambda: ours.with_sensitivities(values), samples, SUBSTEPS, "",
+        ),
+        "composed": (lambda: parts.reading(values), samples, SUBSTEPS, ""),
+        f"composed, {len(directions)} sensitivities": (
+            lambda: parts.with_sensitivities(values), samples, SUBSTEPS, "",
         ),
         f"by hand{_FREE}": (by_power, samples, SUBSTEPS, "pow of the C library"),
         f"compiled{_FREE}": (lambda: free.reading(bent), samples, SUBSTEPS, ""),
@@ -217,7 +225,8 @@ def measure(samples: int = 100_000, repetitions: int = 7, *, references: bool = 
             f"first {len(brief)} samples, RK45, rtol 1e-6",
         )  # fmt: skip
     disagreement = max(
-        _difference(ours.reading(values), by_hand()), _difference(free.reading(bent), by_power())
+        *(_difference(one.reading(values), by_hand()) for one in (ours, parts)),
+        _difference(free.reading(bent), by_power()),
     )
     if not disagreement <= _AGREE:
         raise PiezoOptError(

@@ -66,18 +66,24 @@ class Engine(Protocol):
 
 @lru_cache(maxsize=2048)
 def engine(
-    system: System, directions: tuple[str, ...], prefer_compiled: bool = True, exact: bool = False
+    system: System,
+    directions: tuple[str, ...],
+    prefer_compiled: bool = True,
+    exact: bool = False,
+    whole: bool = False,
 ) -> Engine:
-    """The fastest engine there is on this machine for a system and its directions.
+    """The engine that serves best on this machine for a system and its directions.
 
     Args:
         system: assembled model.
         directions: of the sensitivities.
         prefer_compiled: False takes CasADi's virtual machine even where a compiler exists.
         exact: whether linear blocks are moved by their exponential.
+        whole: a program compiled for this one model, which takes a second or two and is several
+            times as fast as one composed of compiled effects.
     """
     if prefer_compiled:
-        made = composed(system, exact)
+        made = None if whole else composed(system, exact)
         if made is not None:
             return ComposedEngine(made, directions)
         try:

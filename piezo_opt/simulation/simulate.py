@@ -31,6 +31,10 @@ IntArray = NDArray[np.int32]
 _NEWTON: Final = 40
 """Iterations to a periodic state; it takes three or four."""
 
+LONG: Final = 300_000
+"""Stretches of straight drive in a record from which a program of its own is compiled for a model:
+in a fit's thirty runs with derivatives it saves the second or two that the compiler takes."""
+
 TOLERANCE = 5e-5
 """Default error of the scheme as a share of the reading's range; below any noise."""
 
@@ -85,6 +89,8 @@ class Simulator:
         prefer_compiled: False takes CasADi's virtual machine even where a compiler exists.
         substeps: given sub-steps instead of chosen ones.
         most: sub-steps in the whole record at which their choice ends.
+        whole: whether a program is compiled for this one model; unless given, where the record is
+            long.
         exact: whether chosen sub-steps may move linear blocks by their exponential; they do where
             there are any and the record is evenly sampled. Given sub-steps say it themselves.
     """
@@ -103,6 +109,7 @@ class Simulator:
         substeps: Substeps | None = None,
         most: int | None = None,
         exact: bool = False,
+        whole: bool | None = None,
     ) -> None:
         moved = [k for k, v in folded(model).items() if values.get(k, v) != v]
         self.system: System = named(model, folded(model, [*runtime, *moved, *directions]))
@@ -125,6 +132,7 @@ class Simulator:
         self._constants = tuple(self.system.constants.items())
         self._drive: Drive = corners(record, self.system.channel_names)
         self._at = record.time - record.time[0]
+        self._whole = self._drive.time.size >= LONG if whole is None else whole
         self._prefer_compiled = prefer_compiled
         self._delay = delay_of(self.system, prefer_compiled)
         self.exact = exact and self._worth_it() if substeps is None else substeps.exact
@@ -146,17 +154,20 @@ class Simulator:
     @lazy
     def _plain(self) -> Engine:
         """The engine without directions; hundreds of searches ask for sensitivities only."""
-        return engine(self.system, (), self._prefer_compiled, self.exact)
+        return self._engine(())
 
     @lazy
     def _sensitive(self) -> Engine:
         """The engine with all directions; a periodic start needs those of the start as well."""
         beside = self._initials if self.initial is Initial.PERIODIC else ()
-        return engine(self.system, (*self.directions, *beside), self._prefer_compiled, self.exact)
+        return self._engine((*self.directions, *beside))
 
     @lazy
     def _monodromy(self) -> Engine:
-        return engine(self.system, self._initials, self._prefer_compiled, self.exact)
+        return self._engine(self._initials)
+
+    def _engine(self, directions: tuple[str, ...]) -> Engine:
+        return engine(self.system, directions, self._prefer_compiled, self.exact, self._whole)
 
     @lazy
     def _once(self) -> Segment:

@@ -28,6 +28,8 @@ def test_generated_code_is_nearly_as_fast_as_written_by_hand() -> None:
     bent = table["compiled, exponent free"].per_sample
     assert bent < 0.8 * table["by hand, exponent free"].per_sample
     assert table.disagreement <= 1e-12
+    # Its numbers go through memory from effect to effect.
+    assert 1.0 < table["composed"].ratio / table["compiled"].ratio < 12.0
     assert table["with 8 sensitivities"].ratio > table["compiled"].ratio > 0.3
 
 
@@ -35,7 +37,7 @@ def test_the_table_names_every_way_and_scales_by_its_own_length() -> None:
     table = measure(samples=2_000, repetitions=2)
     names = [row.name for row in table.rows]
     assert names[:2] == ["by hand", "compiled"]
-    assert len(names) == 10
+    assert len(names) == 12
     assert table["by hand"].ratio == 1.0
     for row in table.rows:
         assert row.ratio == pytest.approx(row.per_sample / table["by hand"].per_sample)
