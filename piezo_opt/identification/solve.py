@@ -199,7 +199,7 @@ def _stated(fit: Fit, objective: Objective, point: Linearised, theta: FloatArray
     scale = objective.unknowns.scale
     free = np.array([n not in fit.at_bound for n in fit.names], dtype=bool)
     if weighted.usable:
-        known = uncertainty(weighted.residual, weighted.jacobian * scale, free, objective.samples)
+        known = uncertainty(weighted.residual, weighted.jacobian, free, objective.samples, scale)
         blind = blind_spots(fit.names, theta, scale, weighted.residual, weighted.jacobian, free)
         covariance = known.covariance * np.outer(scale, scale)
         fit = replace(fit, covariance=covariance, coloured=known.coloured, blind=blind)

@@ -15,6 +15,10 @@ from piezo_opt.simulation import INITIAL
 FloatArray = NDArray[np.float64]
 
 
+_AT_ONCE = 65536
+"""Rows whose sums are in memory at a time."""
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
@@ -25,7 +29,11 @@ class Uncertainty:
 
 
 def uncertainty(
-    residual: FloatArray, jacobian: FloatArray, free: NDArray[np.bool_], samples: int
+    residual: FloatArray,
+    jacobian: FloatArray,
+    free: NDArray[np.bool_],
+    samples: int,
+    scale: FloatArray | float = 1.0,
 ) -> Uncertainty:
     """Covariance of least squares at its minimum.
 
@@ -38,7 +46,9 @@ def uncertainty(
 
     Args:
         residual: (M,), the first ``samples`` in the order of time.
-        jacobian: (M, k), columns scaled so that they are of similar size.
+        jacobian: (M, k).
+        scale: (k,) what its columns are multiplied by, so that they are of similar size; the
+            covariance is that of the unknowns over their scale.
         free: (k,) unknowns not at a bound.
         samples: rows that are samples (the rest are priors).
 
@@ -50,9 +60,9 @@ def uncertainty(
     index = np.flatnonzero(free)
     if index.size == 0:
         return Uncertainty(covariance, False)
-    j = jacobian[:, index]
+    scales = np.broadcast_to(scale, k)[index]
     # The triangle of J has its singular values and costs a fraction.
-    _, size, vt = np.linalg.svd(triangle(j), full_matrices=False)
+    _, size, vt = np.linalg.svd(triangle(jacobian, index) * scales, full_matrices=False)
     null = size <= 1e-10 * size.max(initial=0.0)
     # Rounding must not lend an unknown a share of a direction that it has no part in.
     vt[np.ix_(null, range(vt.shape[1]))] *= np.abs(vt[null]) > 1e-5
@@ -62,10 +72,14 @@ def uncertainty(
     dof = max(1, samples - index.size)
     coloured = _coloured(r)
     if coloured:
-        score = j[:samples] * r[:, None]
         lags = int(np.ceil(4.0 * (samples / 100.0) ** (2.0 / 9.0))) + _memory(r)
         lags = min(lags, samples // 4)
-        own = inverse @ _long_run(score, lags) @ inverse * (samples / dof)
+        own = (
+            inverse
+            @ (_long_run(jacobian, r, lags, index) * np.outer(scales, scales))
+            @ inverse
+            * (samples / dof)
+        )
         white = inverse * float(r @ r) / dof
         # Misfit that happens to cancel must not make the estimate look surer than white noise.
         if np.all(np.diag(own) > 0):
@@ -79,17 +93,27 @@ def uncertainty(
     return Uncertainty(covariance, coloured)
 
 
-def _long_run(score: FloatArray, lags: int) -> FloatArray:
+def _long_run(j: FloatArray, r: FloatArray, lags: int, columns: NDArray[np.intp]) -> FloatArray:
     """``sum_k w_k S_t' S_(t+k)`` over |k| <= lags with Bartlett weights w_k = 1 - |k| / (lags + 1).
+
+    S_t = r_t J_t over some columns of J (M, k) and the first N rows, as many as r has.
 
     The same as the mean over all windows of ``lags + 1`` rows, those that begin before the first
     row included, of the outer square of the window's sum: one pass whatever the lags.
     """
-    width = lags + 1
-    total = np.zeros((score.shape[0] + 2 * width, score.shape[1]))
-    total[width:-width] = np.cumsum(score, axis=0)
-    total[-width:] = total[-width - 1]
-    return gram(total[width:] - total[:-width]) / width
+    width, size = lags + 1, r.size
+    total = np.zeros((columns.size, columns.size))
+    for start in range(0, size + lags, _AT_ONCE):
+        stop = min(start + _AT_ONCE, size + lags)
+        # Row t of the sums is the window that ends at start + t; it begins up to lags earlier.
+        first, last = max(0, start - width), min(stop, size)
+        sums = np.zeros((stop - start + width, columns.size))
+        own = sums[first - (start - width) : last - (start - width)]
+        if last > first:
+            np.cumsum(j[first:last, columns] * r[first:last, None], axis=0, out=own)
+            sums[last - (start - width) :] = own[-1]
+        total += gram(sums[width:] - sums[:-width])
+    return total / width
 
 
 def _autocorrelation(r: FloatArray, lags: int) -> FloatArray:
@@ -141,8 +165,7 @@ def blind_spots(
     """
     sentences: list[str] = []
     size = np.where(np.abs(theta) > 1e-3 * scale, np.abs(theta), scale)
-    relative = jacobian * size
-    norms = np.linalg.norm(relative, axis=0)
+    norms = np.sqrt(np.einsum("tk,tk->k", jacobian, jacobian)) * size
     dof = max(1, residual.size - theta.size)
     sigma = float(np.sqrt(residual @ residual / dof)) or 1e-300
     told: set[str] = set()
@@ -163,13 +186,9 @@ def blind_spots(
         return tuple(sentences)
     # What the nuisances can explain is taken out first.
     others = [k for k in range(theta.size) if free[k] and nuisance(names[k]) and norms[k] > 0]
-    seen = relative[:, usable]
-    if others:
-        # The triangle's lower right corner is what the last columns have to themselves.
-        both = np.hstack([relative[:, others] / norms[others], seen])
-        seen = triangle(both)[len(others) :, len(others) :]
-    else:
-        seen = triangle(seen)
+    # The triangle's lower right corner is what the last columns have to themselves.
+    both = triangle(jacobian, np.array([*others, *usable]))
+    seen = (both * size[[*others, *usable]])[len(others) :, len(others) :]
     for component in _hidden(seen, sigma):
         told.update(names[usable[i]] for i in component.members)
         sentences.append(component.sentence([names[usable[i]] for i in component.members]))

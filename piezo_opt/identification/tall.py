@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 _ROWS = 256
+_AT_ONCE = 256 * _ROWS
+"""Rows that are copied at a time: the whole of a million rows would be in memory twice."""
 
 
 def gram(j: FloatArray) -> FloatArray:
@@ -22,23 +24,35 @@ def gram(j: FloatArray) -> FloatArray:
     array([[10., 14.],
            [14., 20.]])
     """
-    blocks, rest = _blocks(j)
-    total = rest.T @ rest
-    if blocks.size:
-        total = total + np.matmul(blocks.transpose(0, 2, 1), blocks).sum(axis=0)
-    return np.asarray(total)
+    total = np.zeros((j.shape[1], j.shape[1]))
+    for start in range(0, j.shape[0], _AT_ONCE):
+        blocks, rest = _blocks(j[start : start + _AT_ONCE])
+        total += rest.T @ rest
+        if blocks.size:
+            total += np.matmul(blocks.transpose(0, 2, 1), blocks).sum(axis=0)
+    return total
 
 
-def triangle(j: FloatArray) -> FloatArray:
+def triangle(j: FloatArray, columns: NDArray[np.intp] | None = None) -> FloatArray:
     """The triangular factor R of ``J = Q R``, up to signs of its rows (tall-skinny QR).
+
+    Args:
+        j: (M, k) tall matrix.
+        columns: those to take, in this order; all of them by default.
 
     Source: Demmel, Grigori, Hoemmen & Langou (2012), SIAM J. Sci. Comput. 34(1), A206-A239.
     """
-    blocks, rest = _blocks(j)
-    if not blocks.size or j.shape[1] > _ROWS:
-        return np.asarray(np.linalg.qr(j, mode="r"))
-    tops = np.asarray(np.linalg.qr(blocks, mode="r")).reshape(-1, j.shape[1])
-    return np.asarray(np.linalg.qr(np.vstack([tops, rest]), mode="r"))
+    width = j.shape[1] if columns is None else columns.size
+    if j.shape[0] < _ROWS or width > _ROWS:
+        return np.asarray(np.linalg.qr(j if columns is None else j[:, columns], mode="r"))
+    tops: list[FloatArray] = []
+    for start in range(0, j.shape[0], _AT_ONCE):
+        part = j[start : start + _AT_ONCE]
+        blocks, rest = _blocks(part if columns is None else part[:, columns])
+        if blocks.size:
+            tops.append(np.asarray(np.linalg.qr(blocks, mode="r")).reshape(-1, width))
+        tops.append(rest)
+    return np.asarray(np.linalg.qr(np.vstack(tops), mode="r"))
 
 
 def _blocks(j: FloatArray) -> tuple[FloatArray, FloatArray]:

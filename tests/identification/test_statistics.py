@@ -152,13 +152,20 @@ def test_a_nuisance_alone_is_not_talked_about() -> None:
 
 
 @pytest.mark.parametrize(("rows", "lags"), [(50, 0), (50, 7), (9, 8), (600, 150)])
-def test_the_long_run_covariance_is_its_sum_over_lags(rows: int, lags: int) -> None:
-    score = np.random.default_rng(rows + lags).normal(size=(rows, 3))
+@pytest.mark.parametrize("at_once", [65536, 100])
+def test_the_long_run_covariance_is_its_sum_over_lags(
+    rows: int, lags: int, at_once: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("piezo_opt.identification.statistics._AT_ONCE", at_once)
+    generator = np.random.default_rng(rows + lags)
+    j, r = generator.normal(size=(rows + 2, 4)), generator.normal(size=rows)
+    columns = np.array([0, 1, 3])
+    score = j[:rows, columns] * r[:, None]
     middle = score.T @ score
     for lag in range(1, lags + 1):
         cross = score[lag:].T @ score[:-lag]
         middle += (1.0 - lag / (lags + 1.0)) * (cross + cross.T)
-    np.testing.assert_allclose(_long_run(score, lags), middle, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(_long_run(j, r, lags, columns), middle, rtol=1e-10, atol=1e-10)
 
 
 def test_the_autocorrelation_is_its_sum() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from piezo_opt.identification.tall import gram, triangle
 
-SHAPES = [(1, 1), (3, 7), (255, 4), (256, 4), (257, 4), (1000, 9), (700, 300)]
+SHAPES = [(1, 1), (3, 7), (255, 4), (256, 4), (257, 4), (1000, 9), (700, 300), (140000, 3)]
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -25,6 +25,11 @@ def test_the_triangle_is_triangular_and_has_the_singular_values(shape: tuple[int
     np.testing.assert_allclose(
         np.linalg.svd(r, compute_uv=False), np.linalg.svd(j, compute_uv=False), rtol=1e-10
     )
+
+
+def test_a_triangle_of_some_columns() -> None:
+    j, columns = np.random.default_rng(3).normal(size=(3000, 5)), np.array([4, 0, 2])
+    np.testing.assert_allclose(triangle(j, columns), triangle(j[:, columns]), rtol=1e-12)
 
 
 def test_the_triangle_sees_what_squaring_would_lose() -> None:
