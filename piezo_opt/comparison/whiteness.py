@@ -98,12 +98,11 @@ def _correlated(first: FloatArray, second: FloatArray, most: int) -> FloatArray:
     size = float(np.linalg.norm(first) * np.linalg.norm(second))
     if size == 0.0:
         return np.zeros(2 * most + 1)
-    count = first.size
-    sums = [
-        float(first[max(k, 0) : count + min(k, 0)] @ second[max(-k, 0) : count - max(k, 0)])
-        for k in range(-most, most + 1)
-    ]
-    return np.array(sums) / size
+    # Zeros behind the signals keep so many lags from meeting their beginnings.
+    length = 1 << (first.size + most - 1).bit_length()
+    both = np.fft.rfft(first, length) * np.conj(np.fft.rfft(second, length))
+    sums = np.fft.irfft(both, length)
+    return np.concatenate([sums[length - most :], sums[: most + 1]]) / size
 
 
 def _sentence(p_value: float, outside: int, most: int, along: int, lags: int) -> str:

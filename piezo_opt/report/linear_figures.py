@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
-import control
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -31,7 +30,10 @@ from piezo_opt.report.style import (
     thinned,
 )
 
-System: TypeAlias = control.StateSpace | control.TransferFunction
+if TYPE_CHECKING:
+    import control
+
+    System: TypeAlias = control.StateSpace | control.TransferFunction
 
 
 def reading(misfits: Sequence[tuple[str, Misfit]]) -> Figure:
@@ -145,6 +147,8 @@ def bode(
 
 def step(systems: Sequence[tuple[str, System]], units: tuple[str, str]) -> Figure:
     """Answers to a unit step, with the 2 % band of the first one's final value."""
+    import control
+
     with styled():
         made, (axis,) = figure(height=3.4)
         seen = step_criteria(systems[0][1])
