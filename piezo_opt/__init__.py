@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from piezo_opt.diagnosis import Diagnosis, diagnose
     from piezo_opt.effects import Effect, Model
     from piezo_opt.errors import InputError, ModelError, PiezoOptError
-    from piezo_opt.export import export_arduino, export_c
+    from piezo_opt.export import export_arduino, export_c, export_fmu
     from piezo_opt.identification import (
         Bootstrap,
         CmaEs,
@@ -106,6 +106,7 @@ __all__ = [
     "effects",
     "export_arduino",
     "export_c",
+    "export_fmu",
     "fit_transfer",
     "frequency_response",
     "load",
@@ -133,7 +134,7 @@ _ROOMS: Final = {
     "diagnosis": "Diagnosis diagnose",
     "effects": "Effect Model",
     "errors": "InputError ModelError PiezoOptError",
-    "export": "export_arduino export_c",
+    "export": "export_arduino export_c export_fmu",
     "identification": (
         "Bootstrap CmaEs Collocation DifferentialEvolution Fatrop Fit Identification Ipopt "
         "LevenbergMarquardt Loss MultipleShooting NelderMead Prior Profile Profiles "

@@ -173,3 +173,57 @@ def arduino(
         inverse=inverse,
     )
     typer.echo(str(found))
+
+
+class Version(Enum):
+    """Of the FMI standard."""
+
+    TWO = "2.0"
+    THREE = "3.0"
+
+
+@export.command()
+def fmu(
+    source: Holder,
+    out: Annotated[
+        Path, typer.Option(metavar="OUT.fmu", help="File to write.", show_default=False)
+    ],
+    version: Annotated[Version, typer.Option(help="Of the FMI standard.")] = Version.TWO,
+    exchange: Annotated[
+        bool, typer.Option("--exchange", help="For model exchange in the place of co-simulation.")
+    ] = False,
+    step: Step = None,
+    name: Name = "actuator",
+    drive_range: Range = None,
+    platforms: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B", help="linux, windows, mac, linux-arm, mac-arm; by default this system."
+        ),
+    ] = None,
+    overwrite: o.Overwrite = False,
+) -> None:
+    """Write a functional mock-up unit, for Simulink, OpenModelica and every other FMI tool.
+
+    Between communication points the drive goes along a straight line. Other systems than this one
+    take the extra that brings a compiler: pip install 'piezo_opt[cross]'.
+
+    \b
+    Examples:
+      piezo-opt export fmu fit.json --out actuator.fmu --step "1 ms"
+      piezo-opt export fmu fit.json --out actuator.fmu --step "1 ms" --platforms linux,windows
+    """
+    from piezo_opt.export import export_fmu
+
+    found = export_fmu(
+        source,
+        out,
+        version=version.value,
+        exchange=exchange,
+        step=step,
+        name=name,
+        drive=volts(drive_range),
+        platforms=tuple((platforms or "").replace(",", " ").split()),
+        overwrite=overwrite,
+    )
+    typer.echo(str(found))

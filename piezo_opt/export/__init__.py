@@ -4,7 +4,9 @@ from piezo_opt.export.arduino import Sketch, export_arduino
 from piezo_opt.export.boards import BOARDS, Footprint
 from piezo_opt.export.c.replay import Replay
 from piezo_opt.export.c.verb import Exported, export_c
+from piezo_opt.export.fmu import Unit, export_fmu
 
 __all__ = [
-    "BOARDS", "Exported", "Footprint", "Replay", "Sketch", "export_arduino", "export_c",
+    "BOARDS", "Exported", "Footprint", "Replay", "Sketch", "Unit", "export_arduino", "export_c",
+    "export_fmu",
 ]  # fmt: skip
