@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from piezo_opt import effects, physics
+    from piezo_opt import effects, physics, signals
     from piezo_opt.comparison import Comparison, compare, uncontrolled_iae
     from piezo_opt.datasets import load, load_campaign
     from piezo_opt.diagnosis import Diagnosis, diagnose
@@ -120,6 +120,7 @@ __all__ = [
     "read_campaign",
     "save_fit",
     "search_orders",
+    "signals",
     "simulate",
     "solve",
     "study_thesis",

@@ -22,7 +22,7 @@ from piezo_opt.cli.fem import fem
 from piezo_opt.cli.fit import fit
 from piezo_opt.cli.linear import linear
 from piezo_opt.cli.report import report
-from piezo_opt.cli.signal import signal
+from piezo_opt.cli.signal_best import signal
 from piezo_opt.cli.simulate import simulate
 from piezo_opt.cli.solving import INTERRUPTED
 from piezo_opt.cli.study import study

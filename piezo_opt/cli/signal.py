@@ -55,9 +55,7 @@ Sketch: TypeAlias = Annotated[
 class Board(Enum):
     """What an Arduino gives out."""
 
-    DIGITAL = "digital"
-    PWM = "pwm"
-    MCP4725 = "mcp4725"
+    DIGITAL, PWM, MCP4725 = "digital", "pwm", "mcp4725"
 
 
 By: TypeAlias = Annotated[Board, typer.Option("--output", help="What the board gives out.")]
@@ -263,9 +261,7 @@ def chirp(
 class Which(Enum):
     """Harmonics of a multisine."""
 
-    FULL = "full"
-    ODD = "odd"
-    ODD_DETECTION = "odd-detection"
+    FULL, ODD, ODD_DETECTION = "full", "odd", "odd-detection"
 
 
 @signal.command()

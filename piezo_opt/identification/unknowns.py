@@ -160,9 +160,14 @@ def _stroke(records: tuple[Measurement, ...]) -> float:
 
 
 def falls(record: Measurement) -> bool:
-    """Whether the position falls as the drive rises (a mirrored sensor or amplifier)."""
-    drive = record.drive[record.counted] - record.drive[record.counted].mean()
-    return float(drive @ record.position[record.counted]) < 0.0
+    """Whether the position falls as the drive rises (a mirrored sensor or amplifier).
+
+    Judged on running sums, in which the slow part outweighs a resonance: beyond that the position
+    falls as the drive rises, and nothing is mirrored.
+    """
+    drive, position = record.drive[record.counted], record.position[record.counted]
+    slow = np.cumsum(drive - drive.mean())
+    return float(slow @ np.cumsum(position - position.mean())) < 0.0
 
 
 def unknowns(question: Identification, start: Values) -> Unknowns:

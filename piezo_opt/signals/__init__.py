@@ -5,17 +5,29 @@ and distortion, and the best drive for given parameters or between given models.
 """
 
 from piezo_opt.signals.arduino import Output, write_arduino
+from piezo_opt.signals.best import BestDrive, best_for
+from piezo_opt.signals.between import DriveBetween, best_between
 from piezo_opt.signals.drive import Drive
+from piezo_opt.signals.families import FAMILIES, Corners, Family, Mixed, Tones
 from piezo_opt.signals.limits import DriveLimits, predicted, within
 from piezo_opt.signals.loops import decaying_triangles, square, staircase, triangle
 from piezo_opt.signals.tones import Lines, Phases, chirp, multisine
 
 __all__ = [
+    "FAMILIES",
+    "BestDrive",
+    "Corners",
     "Drive",
+    "DriveBetween",
     "DriveLimits",
+    "Family",
     "Lines",
+    "Mixed",
     "Output",
     "Phases",
+    "Tones",
+    "best_between",
+    "best_for",
     "chirp",
     "decaying_triangles",
     "multisine",

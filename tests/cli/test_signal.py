@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from piezo_opt.cli import app
+from piezo_opt.measurement import Measurement
+from piezo_opt.readers import write
 
 
 def run(*arguments: object) -> Result:
@@ -50,3 +53,39 @@ def test_sketch_and_refusals(tmp_path: Path) -> None:
         done = run(*arguments)
         assert done.exit_code == 2
         assert words in done.stderr
+
+
+LAG = 'effects = ["piezo_gain", "amplifier_lag"]\n'
+DELAY = 'effects = ["piezo_gain", "delay"]\n'
+
+
+@pytest.fixture
+def loop(tmp_path: Path) -> Path:
+    time = np.arange(400) / 400.0
+    drive = 50.0 - 50.0 * np.cos(4.0 * np.pi * time)
+    late = 50.0 - 50.0 * np.cos(4.0 * np.pi * (time - 0.01))
+    noise = 2e-8 * np.random.default_rng(0).normal(size=time.size)
+    file = tmp_path / "loop.csv"
+    write(Measurement(time, drive, 1e-7 * late + noise), file)
+    return file
+
+
+def test_best_and_between(loop: Path, tmp_path: Path) -> None:
+    for name, text in (("lag", LAG), ("delay", DELAY)):
+        (tmp_path / f"{name}.toml").write_text(text)
+    out, told = tmp_path / "next.csv", tmp_path / "next.json"
+    few = ("--evaluations", "6", "--slew", "5 kV/s", "--noise", "20 nm", "--json", told)
+    done = run("best", loop, "--model", tmp_path / "delay.toml", "--for", "delay.T",
+               "--out", out, *few)  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "delay.T will be known" in done.stdout
+    assert json.loads(told.read_text())["schema"] == "piezo_opt/best-drive/1"
+    assert np.loadtxt(out, delimiter=",", skiprows=2).shape == (400, 2)
+    models = ("--model", tmp_path / "lag.toml", "--model", tmp_path / "delay.toml")
+    done = run("between", loop, *models, *few, "--overwrite")
+    assert done.exit_code == 0, done.output
+    assert "sigmas" in done.stdout
+    assert json.loads(told.read_text())["models"] == ["lag", "delay"]
+    done = run("between", loop, *models[:2])
+    assert done.exit_code == 2
+    assert "two model files" in done.stderr

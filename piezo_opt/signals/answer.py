@@ -1,0 +1,185 @@
+"""A fitted model on drives that nobody has played: readings and exact derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.errors import InputError, PiezoOptError
+from piezo_opt.identification import Fit, Start
+from piezo_opt.identification.problem import plain
+from piezo_opt.identification.unknowns import unknowns
+from piezo_opt.measurement import Between, Measurement
+from piezo_opt.simulation import INITIAL, Initial, Simulator, Substeps
+from piezo_opt.simulation.accuracy import DIVERGED
+from piezo_opt.values import Values
+
+FloatArray = NDArray[np.float64]
+
+_ROUGH: Final = 1e-4
+"""Error of the scheme during a search, as a share of the reading's range."""
+
+_UNSEEN: Final = 0.5
+"""Relative standard deviation above which a combination of parameters counts as not seen."""
+
+
+@final
+class Answer:
+    """What a fitted model would read, and how that depends on what a new fit would estimate.
+
+    The start of a new record is as unknown as that of the fitted one, unless it was at rest.
+    Further channels stand at their mean.
+
+    Args:
+        fit: the fitted model.
+        rate: samples a second of the drives to come [Hz].
+    """
+
+    def __init__(self, fit: Fit, rate: float) -> None:
+        self.fit = fit
+        self.rate = rate
+        first = fit.records[0]
+        self._between = Between.LINEAR if first.between is Between.BANDLIMITED else first.between
+        self._means = {k: float(c.mean()) for k, c in first.channels.items()}
+        values = fit.values.of_record(0)
+        self.numbers: dict[str, float] = {
+            k: v for k, v in values.items() if not k.startswith(INITIAL)
+        }
+        start = Start.REST if fit.question.start is Start.REST else None
+        fixed = fit.question.fixed
+        alone = {
+            plain(k): v for k, v in fixed.items() if k.endswith("[0]") and not k.startswith(INITIAL)
+        }
+        self.question = replace(
+            fit.question,
+            records=replace(first, period=None, startup=0.0, allow_saturated=True),
+            fixed={**fixed, **alone}, values={}, priors={}, per_record=(), weights=(), start=start,
+        )  # fmt: skip
+        members = unknowns(self.question, Values(self.numbers)).members
+        self.names: tuple[str, ...] = tuple(m.name for m in members)
+        self.scale: FloatArray = np.array([m.scale for m in members])
+        self.low: FloatArray = np.array([m.low for m in members])
+        self.high: FloatArray = np.array([m.high for m in members])
+        self._substeps: Substeps | None = None
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Those of the names that are parameters shared by all records."""
+        own = self.fit.model.parameters
+        return tuple(n for n in self.names if n in own and not own[n].per_record)
+
+    def asked(self, parameters: Sequence[str] | None) -> tuple[str, ...]:
+        """The parameters meant, all shared ones where none are named.
+
+        Raises:
+            InputError: one is not estimated by the fit.
+        """
+        if parameters is None:
+            return self.parameters
+        for name in parameters:
+            if name not in self.names:
+                raise InputError(
+                    f"the fit does not estimate {name!r}: it estimates {', '.join(self.parameters)}"
+                )
+        if not parameters:
+            raise InputError("name one parameter at least, or none at all for every one")
+        return tuple(parameters)
+
+    def record(self, values: FloatArray, position: FloatArray | None = None) -> Measurement:
+        """A drive (N,) as a record, with a reading or for a simulation."""
+        first = self.fit.records[0]
+        count = values.size
+        return Measurement(
+            time=np.arange(count, dtype=np.float64) / self.rate,
+            drive=values,
+            position=values if position is None else position,
+            channels={k: np.full(count, mean) for k, mean in self._means.items()},
+            channel_units=first.channel_units,
+            drive_unit=first.drive_unit,
+            position_unit=first.position_unit,
+            between=self._between,
+            allow_saturated=True,
+        )
+
+    def settle(self, values: FloatArray) -> None:
+        """Choose the sub-steps of a search on one drive; later ones are simulated alike."""
+        simulator = self._simulator(values, self.numbers, None)
+        self._substeps = simulator.choose(self.numbers, _ROUGH).substeps
+
+    def reading(self, values: FloatArray, numbers: Mapping[str, float] | None = None) -> FloatArray:
+        """(N,) [m] from rest, at the fit's own values unless others are given."""
+        at = {**self.numbers, **(numbers or {})}
+        return self._simulator(values, at, self._substeps).reading(at)
+
+    def sharp(self, values: FloatArray, numbers: Mapping[str, float] | None = None) -> FloatArray:
+        """The same, on sub-steps chosen for this drive."""
+        at = {**self.numbers, **(numbers or {})}
+        return self._simulator(values, at, None).reading(at)
+
+    def derivatives(
+        self, values: FloatArray, numbers: Mapping[str, float] | None = None
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Reading (N,) and its derivatives by all names, each times its scale (N, k) [m].
+
+        None where the model cannot be simulated on this drive.
+        """
+        at = {**self.numbers, **(numbers or {})}
+        try:
+            reading, slopes = self._simulator(values, at, self._substeps).with_sensitivities(at)
+        except (PiezoOptError, ArithmeticError):
+            return None
+        if not np.isfinite(reading).all() or not np.abs(slopes).max(initial=0.0) < DIVERGED:
+            return None
+        return reading, slopes * self.scale
+
+    def _simulator(
+        self, values: FloatArray, numbers: Mapping[str, float], substeps: Substeps | None
+    ) -> Simulator:
+        return Simulator(
+            self.fit.model, self.record(values), numbers, directions=self.names,
+            initial=Initial.REST, runtime=self.fit.question.free, substeps=substeps,
+        )  # fmt: skip
+
+
+def draws(answer: Answer, count: int, seed: int) -> tuple[dict[str, float], ...]:
+    """Values that the fit thinks possible: its own, then pairs on either side of it.
+
+    Drawn from the fit's normal distribution cut off at two standard deviations, within bounds.
+    Unknowns at a bound stay there, and so do combinations that the record does not see (a relative
+    deviation above one half), along which a straight step leads out of what the record says.
+
+    Args:
+        answer: of the fit.
+        count: how many, the fit's own values among them.
+        seed: of the random directions.
+    """
+    fit, found = answer.fit, [dict[str, float]()]
+    local = [plain(n) for n in fit.names]
+    used = [
+        k for k, n in enumerate(local)
+        if n in answer.parameters and np.isfinite(fit.covariance[k, k])
+        and fit.names[k] in (n, f"{n}[0]")
+    ]  # fmt: skip
+    if not used:
+        return tuple(found)
+    places = [answer.names.index(local[k]) for k in used]
+    names = [local[k] for k in used]
+    centre = np.array([answer.numbers[n] for n in names])
+    size = np.where(
+        np.abs(centre) > 1e-3 * answer.scale[places], np.abs(centre), answer.scale[places]
+    )
+    block = fit.covariance[np.ix_(used, used)] / np.outer(size, size)
+    variance, vectors = np.linalg.eigh(block)
+    std = np.sqrt(np.maximum(variance, 0.0))
+    root = size[:, None] * vectors * np.where(std < _UNSEEN, std, 0.0)
+    rng = np.random.default_rng(seed)
+    while len(found) < count:
+        step = root @ np.clip(rng.normal(size=len(used)), -2.0, 2.0)
+        for way in (1.0, -1.0):
+            moved = np.clip(centre + way * step, answer.low[places], answer.high[places])
+            found.append(dict(zip(names, moved.tolist(), strict=True)))
+    return tuple(found[:count])

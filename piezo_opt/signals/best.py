@@ -1,0 +1,191 @@
+"""The drive from which parameters are learnt best."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, final
+
+import numpy as np
+
+from piezo_opt.errors import InputError
+from piezo_opt.identification import Fit
+from piezo_opt.signals.answer import Answer, draws
+from piezo_opt.signals.drive import Drive, FloatArray
+from piezo_opt.signals.families import FAMILIES, Family
+from piezo_opt.signals.information import deviations, log_determinant
+from piezo_opt.signals.planning import excess, noise_of, room_of, slow_triangle, stroke_of
+from piezo_opt.signals.search import FORBIDDEN, search
+from piezo_opt.units import show
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class BestDrive:
+    """A drive, and how well parameters will be known from a record of it alone.
+
+    Attributes:
+        drive: what to play.
+        parameters: those it was made for.
+        expected: their standard deviations after a fit of such a record [SI].
+        of_triangle: the same of a triangle with the same range, duration and rate.
+        over_draws: smallest and largest of each over the values that the fit thinks possible.
+        units: SI unit of each.
+        noise: of the reading that was assumed [m].
+        evaluations: drives that were judged.
+    """
+
+    drive: Drive
+    parameters: tuple[str, ...]
+    expected: Mapping[str, float]
+    of_triangle: Mapping[str, float]
+    over_draws: Mapping[str, tuple[float, float]]
+    units: Mapping[str, str]
+    noise: float
+    evaluations: int
+
+    @property
+    def gain(self) -> float:
+        """Deviations of the triangle over those of this drive, geometric mean of finite ones."""
+        ratios = [
+            self.of_triangle[n] / self.expected[n]
+            for n in self.parameters
+            if np.isfinite([self.of_triangle[n], self.expected[n]]).all()
+        ]
+        return float(np.exp(np.mean(np.log(ratios)))) if ratios else float("nan")
+
+    @property
+    def sentence(self) -> str:
+        """The same in words."""
+        return (
+            f"Play {self.drive.description}: {', '.join(self.parameters)} will be known "
+            f"{self.gain:.1f} times better than from a triangle of the same range and length."
+        )
+
+    def __str__(self) -> str:
+        lines = [
+            self.sentence,
+            "",
+            f"  {'parameter':<26} {'expected':>13} {'triangle':>13}  over what is possible",
+        ]
+        for name in self.parameters:
+            unit, (low, high) = self.units[name], self.over_draws[name]
+            lines.append(
+                f"  {name:<26} {show(self.expected[name], unit):>13} "
+                f"{show(self.of_triangle[name], unit):>13}  {show(low, unit)} to {show(high, unit)}"
+            )
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, SI units."""
+        return {
+            "schema": "piezo_opt/best-drive/1",
+            "drive": self.drive.description,
+            "rate": self.drive.rate,
+            "duration": self.drive.duration,
+            "noise": self.noise,
+            "gain": self.gain,
+            "expected": dict(self.expected),
+            "of_triangle": dict(self.of_triangle),
+            "over_draws": {n: list(both) for n, both in self.over_draws.items()},
+            "evaluations": self.evaluations,
+        }
+
+
+def best_for(
+    fit: Fit,
+    parameters: Sequence[str] | None = None,
+    *,
+    noise: float | None = None,
+    low: float | None = None,
+    high: float | None = None,
+    duration: float | None = None,
+    rate: float | None = None,
+    slew: float = np.inf,
+    highest: float = 0.0,
+    stroke: tuple[float, float] | None = None,
+    families: Sequence[Family] = FAMILIES,
+    possible: int = 3,
+    evaluations: int = 250,
+    seed: int = 0,
+) -> BestDrive:
+    """The drive from which parameters of a fitted model are learnt best.
+
+    Maximises the logarithm of the determinant of their information, whatever else a fit of the new
+    record would estimate taken out, averaged over values that the fit thinks possible:
+
+        mean over draws of log det (J_1' (1 - P_2) J_1),   P_2 onto the columns of everything else
+
+    J holds exact derivatives of the reading. Levels, times and holds, or frequencies, amplitudes
+    and phases are free, within range and slew rate.
+
+    Args:
+        fit: the model and how well it is known now.
+        parameters: full names; all that records share unless given.
+        noise: of the reading [m]; the fit's residual unless given.
+        low, high: range of the drive [unit]; that of the first record unless given.
+        duration, rate: [s], [Hz]; those of the first record unless given.
+        slew: fastest change [unit/s].
+        highest: fastest sine [Hz]; a fifth of the rate unless given.
+        stroke: positions that the fit may predict [m]; unless given what a step over the whole
+            range reaches without damping: once the slow stroke beyond either end.
+        families: where to look.
+        possible: values that are averaged over, the fit's own among them.
+        evaluations: drives judged in each family.
+        seed: of the search.
+
+    Raises:
+        InputError: a parameter is not estimated, a number makes no sense, or the model cannot be
+            simulated on any drive.
+
+    Sources: Pronzato & Walter (1985), Math. Biosciences 75(1), 103-120 (robust design: the mean
+    over a distribution); Atkinson, Donev & Tobias (2007), Optimum Experimental Designs, with SAS,
+    ch. 10 (D_s) and 18 (Bayesian D-optimality).
+    """
+    room = room_of(
+        fit, duration=duration, slew=slew, highest=highest, low=low, high=high, rate=rate
+    )
+    sigma = noise_of(fit, noise)
+    answer = Answer(fit, room.rate)
+    wanted = answer.asked(parameters)
+    cases = draws(answer, max(1, possible), seed)
+    reference = slow_triangle(room)
+    answer.settle(reference.values)
+    allowed = stroke_of(answer, reference.values, stroke)
+
+    def merit(values: FloatArray) -> float | None:
+        told = []
+        for number, numbers in enumerate(cases):
+            found = answer.derivatives(values, numbers)
+            if found is not None:
+                beyond = excess(found[0], allowed)
+                if beyond > 0.0:
+                    return FORBIDDEN * (1.0 + beyond)
+                told.append(log_determinant(answer, found[1], wanted))
+            elif number == 0:
+                return None
+        return float(np.mean(told))
+
+    found = search(families, room, merit, evaluations=evaluations, seed=seed)
+    if not found:
+        raise InputError("the fitted model cannot be simulated on any drive of this range")
+    best = found[0]
+    answer.settle(best.values)
+    after = [deviations(answer, best.values, wanted, sigma, numbers) for numbers in cases]
+    told = [one for one in after if one is not None]
+    plain = deviations(answer, reference.values, wanted, sigma)
+    if after[0] is None or plain is None:
+        raise InputError("the fitted model cannot be simulated on any drive of this range")
+    return BestDrive(
+        drive=Drive(
+            f"best_{best.family.name.replace(' ', '_')}",
+            best.family.said(best.at, room), best.values, room.rate, room.unit,
+        ),
+        parameters=wanted,
+        expected=after[0],
+        of_triangle=plain,
+        over_draws={n: (min(o[n] for o in told), max(o[n] for o in told)) for n in wanted},
+        units={n: fit.unit(n) for n in wanted},
+        noise=sigma,
+        evaluations=sum(f.evaluations for f in found),
+    )  # fmt: skip
