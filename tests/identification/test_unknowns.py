@@ -202,3 +202,14 @@ def test_frequencies_and_forces_per_mass_change_in_proportion() -> None:
     assert not {m.name: m.relative for m in unknowns(free, po.Values.nominal(model)).members}[
         "friction.F"
     ]
+
+
+def test_a_resonance_is_no_mirror() -> None:
+    """Beyond it the position falls as the drive rises; the slow part says which way it goes."""
+    time = np.arange(2000) / 2000.0
+    fast = 2.0 * np.pi * 200.0 * time
+    drive = 50.0 + 20.0 * np.sin(2.0 * np.pi * time) + 20.0 * np.sin(fast)
+    position = 1e-7 * (20.0 * np.sin(2.0 * np.pi * time) - 100.0 * np.sin(fast))
+    assert np.corrcoef(drive, position)[0, 1] < 0.0
+    assert not falls(po.Measurement(time, drive, position))
+    assert falls(po.Measurement(time, drive, -position))
