@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from piezo_opt.measurement import Between, Campaign, Check, Measurement, check
     from piezo_opt.readers import read, read_campaign, write
     from piezo_opt.report import write_report
-    from piezo_opt.simulation import Initial, Response, simulate
+    from piezo_opt.simulation import Initial, Many, Response, simulate, simulate_many
     from piezo_opt.studies import study_thesis
     from piezo_opt.units import quantity
     from piezo_opt.values import Values
@@ -81,6 +81,7 @@ __all__ = [
     "Ipopt",
     "LevenbergMarquardt",
     "Loss",
+    "Many",
     "Measurement",
     "Model",
     "ModelError",
@@ -122,6 +123,7 @@ __all__ = [
     "search_orders",
     "signals",
     "simulate",
+    "simulate_many",
     "solve",
     "study_thesis",
     "uncontrolled_iae",
@@ -146,7 +148,7 @@ _ROOMS: Final = {
     "measurement": "Between Campaign Check Measurement check",
     "readers": "read read_campaign write",
     "report": "write_report",
-    "simulation": "Initial Response simulate",
+    "simulation": "Initial Many Response simulate simulate_many",
     "studies": "study_thesis",
     "units": "quantity",
     "values": "Values",

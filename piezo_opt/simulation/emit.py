@@ -95,6 +95,7 @@ def emit(
     prefix: str,
     depth: int,
     along: Tangents | None = None,
+    tables: bool = True,
 ) -> Block:
     """Write an SX function as C statements.
 
@@ -105,13 +106,14 @@ def emit(
         prefix: prefix of the variables made here.
         depth: number of levels.
         along: the tangents to be carried along with every result; without them none.
+        tables: whether powers come from tables of their own.
 
     Raises:
         NotImplementedError: an operation that has no C text; the operation's number is named.
     """
     program = fused(instructions(function))
     level = known_at(program, levels)
-    quick = Quick(program, level, prefix)
+    quick = Quick(program, level, prefix, tables)
     lines: list[list[tuple[int, str]]] = [[] for _ in range(depth)]
     text: dict[int, str] = {}
     waits: dict[int, int] = {}

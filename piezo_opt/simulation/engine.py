@@ -86,16 +86,24 @@ def engine(
         made = None if whole else composed(system, exact)
         if made is not None:
             return ComposedEngine(made, directions)
-        try:
-            library = load(
-                _recipe(system, directions, exact), lambda _: _program(system, directions, exact)
-            )
-        except NotImplementedError:
-            # A user's effect may use an operation that CasADi knows and C does not.
-            library = None
-        if library is not None:
-            return CompiledEngine(system, directions, library)
+        whole = whole_program(system, directions, exact)
+        if whole is not None:
+            return whole
     return _interpreter(system, directions, exact)
+
+
+def whole_program(
+    system: System, directions: tuple[str, ...] = (), exact: bool = False
+) -> CompiledEngine | None:
+    """The engine of a program that is compiled for a system alone; None where it cannot be."""
+    try:
+        library = load(
+            _recipe(system, directions, exact), lambda _: _program(system, directions, exact)
+        )
+    except NotImplementedError:
+        # A user's effect may use an operation that CasADi knows and C does not.
+        return None
+    return None if library is None else CompiledEngine(system, directions, library)
 
 
 @one_at_a_time

@@ -26,12 +26,12 @@ START: Final = "po_start"
 _SHORTER: Final = 0.85
 """Statements of a sub-step while the drive stands still, over those of any, up to which it is worth
 its place in the program."""
-_LEVELS: Final = {
+LEVELS: Final = {
     "p": 0, "h": 1, "hT": 1, "du": 2, "dc": 2, "t": 3, "x": 3, "S": 3, "u": 3, "c": 3, "uT": 3,
     "tT": 3, "cT": 3,
 }  # fmt: skip
 
-_FLUSH: Final = """
+FLUSH: Final = """
 /* Within a function that says PO_FLUSH what is smaller than the smallest normal number is zero: a
    derivative by where a state began fades to there and stays, and a processor may take far longer
    over such numbers. Caller's habits are restored wherever the function ends. Its header would take
@@ -82,7 +82,7 @@ void po_run(const long n, const double *restrict H, const int *restrict NSUB,
 def source(plan: Outline) -> str:
     """The C text that simulates a scheme and the sensitivities that it carries along."""
     names = [plan.step.name_in(i) for i in range(plan.step.n_in())]
-    levels = [_LEVELS[n] for n in names]
+    levels = [LEVELS[n] for n in names]
     lanes = Lanes.of([tuple(column) for column in plan.pattern.T.tolist()])
     seeds, moved = _seeds(plan, lanes, names)
     step = emit(plan.step, names, levels, "a", 4, Tangents(lanes, seeds, "va"))
@@ -93,7 +93,7 @@ def source(plan: Outline) -> str:
     nc, nd = plan.step.numel_in(9), len(plan.directions)
     delayed = bool(plan.clocks)
     places = [int(r) * nd + int(k) for r, k in zip(*np.nonzero(plan.pattern), strict=True)]
-    out: list[str] = ["#include <math.h>\n\n", TYPES, POWERS, _FLUSH, _START_HEAD]
+    out: list[str] = ["#include <math.h>\n\n", TYPES, POWERS, FLUSH, _START_HEAD]
 
     def line(depth: int, text: str) -> None:
         out.append("    " * depth + text + "\n")

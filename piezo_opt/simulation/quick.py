@@ -33,11 +33,18 @@ class Quick:
         program: the list.
         level: the loop level at which each result is known.
         prefix: prefix of the variables made here.
+        tables: whether a power comes from a table of its own exponent; else it is the exponential
+            of a logarithm, which the tables of those two serve.
     """
 
     def __init__(
-        self, program: Mapping[int, Instruction], level: Mapping[int, int], prefix: str
+        self,
+        program: Mapping[int, Instruction],
+        level: Mapping[int, int],
+        prefix: str,
+        tables: bool = True,
     ) -> None:
+        self._by_tables = tables
         self._program = program
         self._level = level
         self._prefix = prefix
@@ -57,7 +64,7 @@ class Quick:
         one = self._program[k]
         if self._level[k] == 0:
             return None
-        if k in self._powers:
+        if k in self._powers and self._by_tables:
             power = self._powers[k]
             base = text[self._program[power.logarithm].inputs[0]]
             return f"po_power({base}, &{self._table(k, power.exponent, text)})"
