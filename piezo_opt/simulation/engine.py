@@ -86,9 +86,9 @@ def engine(
         made = None if whole else composed(system, exact)
         if made is not None:
             return ComposedEngine(made, directions)
-        whole = whole_program(system, directions, exact)
-        if whole is not None:
-            return whole
+        program = whole_program(system, directions, exact)
+        if program is not None:
+            return program
     return _interpreter(system, directions, exact)
 
 
