@@ -1,6 +1,20 @@
-"""``python -m piezo_opt`` is the command ``piezo-opt``."""
+"""``python -m piezo_opt`` is the command ``piezo-opt``: both begin here.
 
-from piezo_opt.cli import main
+Nothing is imported before :func:`main` runs, so that Ctrl-C is answered from the first moment on.
+"""
+
+import sys
+
+
+def main() -> None:
+    """Entry point of the command ``piezo-opt``."""
+    try:
+        from piezo_opt.cli import main as command
+    except KeyboardInterrupt:
+        print("Interrupted before there was a result.", file=sys.stderr)
+        raise SystemExit(130) from None
+    command()
+
 
 if __name__ == "__main__":
     main()

@@ -6,6 +6,7 @@ import sys
 import tempfile
 import traceback
 from importlib.metadata import version as installed
+from pathlib import Path
 from typing import Annotated, Any, final
 
 import typer
@@ -17,14 +18,15 @@ from piezo_opt.cli.check import check
 from piezo_opt.cli.compare import compare
 from piezo_opt.cli.demo import demo
 from piezo_opt.cli.diagnose import diagnose
+from piezo_opt.cli.enduring import Enduring
 from piezo_opt.cli.export import export
 from piezo_opt.cli.fem import fem
 from piezo_opt.cli.fit import fit
 from piezo_opt.cli.linear import linear
+from piezo_opt.cli.outputs import INTERRUPTED
 from piezo_opt.cli.report import report
 from piezo_opt.cli.signal_best import signal
 from piezo_opt.cli.simulate import simulate
-from piezo_opt.cli.solving import INTERRUPTED
 from piezo_opt.cli.study import study
 from piezo_opt.errors import PiezoOptError
 
@@ -64,15 +66,23 @@ _ITS_OWN = (TyperException, typer.Exit, typer.Abort)
 
 def _to_send(error: Exception) -> str:
     """Writes down where an error of the package's own happened, and says so."""
-    with tempfile.NamedTemporaryFile(
-        "w", encoding="utf-8", prefix="piezo-opt-", suffix=".txt", delete=False
-    ) as file:
-        file.write(f"piezo-opt {installed('piezo_opt')}\n{' '.join(sys.argv)}\n\n")
-        traceback.print_exception(error, file=file)
-    return (
+    what = (
         f"An error of the program itself, not of the input: {type(error).__name__}. What was "
-        f"printed before holds. Please send {file.name} with a description of the record."
+        "printed before holds."
     )
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", encoding="utf-8", prefix="piezo-opt-", suffix=".txt", delete=False
+        ) as file:
+            file.write(f"piezo-opt {installed('piezo_opt')}\n{' '.join(sys.argv)}\n\n")
+            traceback.print_exception(error, file=file)
+    except OSError:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        return (
+            f"{what} Please send this sentence ({Path(where.filename).name}, line {where.lineno}: "
+            f"{' '.join(str(error).split())[:200]}), as there is no room for a file."
+        )
+    return f"{what} Please send {file.name} with a description of the record."
 
 
 app = typer.Typer(
@@ -114,5 +124,22 @@ app.add_typer(signal)
 
 
 def main() -> None:
-    """Entry point of the command ``piezo-opt``."""
-    app()
+    """Run the command of ``sys.argv``, and end the process with its code.
+
+    Standard output that cannot be written (a full disk) is one sentence and exit code 1, after the
+    files that were asked for.
+    """
+    said = Enduring(sys.stdout)
+    sys.stdout = said
+    try:
+        app()
+    except SystemExit as ending:
+        said.flush()
+        if not said.failed:
+            raise
+        typer.echo(
+            f"Standard output could not be written ({said.failed}); files that were asked for are "
+            "whole.",
+            err=True,
+        )
+        raise SystemExit(ending.code or FAILED) from None

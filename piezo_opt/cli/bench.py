@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
 from typing import Annotated
@@ -15,6 +12,9 @@ from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.bench_optimisers import optimisers
 from piezo_opt.cli.solving import pool
+from piezo_opt.cli.telling import telling
+from piezo_opt.stopping import TimeLimit
+from piezo_opt.units import quantity
 
 bench = typer.Typer(
     name="bench",
@@ -64,11 +64,12 @@ def hidden(
             metavar="FILE.jsonl", help="Keeps finished records; a second run goes on from it."
         ),
     ] = None,
+    max_time: o.MaxTime = None,
     overwrite: o.Overwrite = False,
 ) -> None:
     """Hide effects in plants that share no code with the package, and see what is named.
 
-    Ctrl-C prints the table of what was done.
+    Ctrl-C and --max-time give the table of what was done, and write it where it was asked for.
 
     \b
     Examples:
@@ -78,9 +79,10 @@ def hidden(
     """
     from piezo_opt.benchmark.hidden import hidden_bench
 
-    outputs.check({"--json": json}, overwrite=overwrite)
+    outputs.check({"--json": json, "--log": log}, overwrite=overwrite, grows=frozenset({"--log"}))
+    seconds = None if max_time is None else quantity(max_time, "s")
     asked = None if classes is None else [one.strip() for one in classes.split(",")]
-    with pool(workers) as executor, _counting() as tell:
+    with pool(workers) as executor, telling("Bench") as tell, TimeLimit(seconds):
         found = hidden_bench(
             asked,
             seeds,
@@ -88,12 +90,12 @@ def hidden(
             first_seed=first_seed,
             samples=samples,
             executor=executor,
-            progress=tell,
+            progress=lambda done, of: tell(f"{done} of {of} records (Ctrl-C prints those)"),
             log=log,
         )
+    typer.echo(str(found))
     if json is not None:
         outputs.write_json(json, found.to_dict(), overwrite=overwrite)
-    typer.echo(str(found))
 
 
 @bench.command()
@@ -123,16 +125,3 @@ def linear_peers() -> None:
     from piezo_opt.benchmark.linear_peers import linear_peers as measured
 
     typer.echo(str(measured()))
-
-
-@contextmanager
-def _counting() -> Iterator[Callable[[int, int], None] | None]:
-    """Shows how many records are done, on a terminal."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    with console.status("Making the first records") as status:
-        yield lambda done, of: status.update(f"{done} of {of} records")

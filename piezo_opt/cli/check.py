@@ -37,7 +37,7 @@ def check(
       piezo-opt check first.csv second.csv --json check.json
       piezo-opt check wrapped.csv --mend wrapped
     """
-    outputs.check({"--json": json}, overwrite=overwrite)
+    outputs.check({"--json": json}, overwrite=overwrite, inputs=records)
     found = examine(
         reading.records(records), accept=checking.accept or (), mend=checking.mend or ()
     )

@@ -15,7 +15,8 @@ from piezo_opt.cli.checking import UNANSWERED, Checking
 from piezo_opt.cli.choices import TranscriptionName
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
-from piezo_opt.cli.solving import INTERRUPTED, Solving, exit_code, leave
+from piezo_opt.cli.outputs import INTERRUPTED
+from piezo_opt.cli.solving import Solving, exit_code, leave
 from piezo_opt.cli.telling import telling
 from piezo_opt.diagnosis import Diagnosis, Stopped
 from piezo_opt.diagnosis import diagnose as examine
@@ -24,7 +25,7 @@ from piezo_opt.effects.catalogue import effect
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Identification
 from piezo_opt.measurement import Campaign, Measurement
-from piezo_opt.units import quantity
+from piezo_opt.stopping import TimeLimit
 
 
 @grouped
@@ -51,10 +52,7 @@ def diagnose(
         list[str] | None,
         typer.Option(metavar="NAME", help="Effect not to be considered; repeat for more."),
     ] = None,
-    max_time: Annotated[
-        str | None,
-        typer.Option(metavar="'60 s'", help="Then give the best so far. No limit by default."),
-    ] = None,
+    max_time: o.MaxTime = None,
     rivals: Annotated[
         bool | None,
         typer.Option(
@@ -95,22 +93,32 @@ def diagnose(
     """
     if test is not None and split is not None:
         raise InputError("--test and --split both say what to judge on: give one of them")
-    outputs.check({"--json": json, "--report": report}, overwrite=overwrite)
+    outputs.check(
+        {"--json": json, "--report": report},
+        overwrite=overwrite,
+        inputs=(*records, model, test, candidates),
+    )
     if drives is not None and not drives.is_dir():
         raise InputError(f"--drives {drives}: there is no such folder: make it first")
     withheld = (*(withhold or ()), *(without or ()))
     for name in withheld:
         effect(name)
-    seconds = None if max_time is None else quantity(max_time, "s")
+    how = Solving(solver, transcription, max_time=max_time)
+    limit = TimeLimit(how.seconds)
     own = Candidates() if candidates is None else read_candidates(candidates)
     train, later = parted(checking.records(reading.records(records)), split)
     held_out = _judge(later) if test is None else checking.judging(reading.single(test))
     question, remarks = asked(model, train, start)
     question = _overruled(question, add or (), without or ())
-    baseline = Solving(solver, transcription).fit(question, remarks, "Base model")
+    baseline = how.fit(question, remarks, "Base model", limit)
     if exit_code(baseline):
+        # There is no diagnosis; what there is goes where it was asked for.
         typer.echo(str(baseline))
-    leave(baseline)
+        if json is not None:
+            outputs.write_json(json, baseline.to_dict(), overwrite=overwrite)
+        if report is not None:
+            outputs.write_page(report, baseline, overwrite=overwrite)
+        leave(baseline)
     with telling("Diagnosis") as tell:
         found = examine(
             baseline,
@@ -118,7 +126,7 @@ def diagnose(
             candidates=own.effects,
             withhold=withheld,
             rivals=rivals,
-            max_time=seconds,
+            max_time=limit.left,
             progress=tell,
         )
     typer.echo(str(found))
@@ -131,9 +139,7 @@ def diagnose(
     if drives is not None:
         _play(found, drives, overwrite=overwrite)
     if report is not None:
-        from piezo_opt.report import write_report
-
-        write_report(report, found, overwrite=overwrite)
+        outputs.write_page(report, found, overwrite=overwrite)
     if found.stopped is Stopped.USER:
         raise typer.Exit(INTERRUPTED)
 

@@ -41,9 +41,15 @@ def fit(
       piezo-opt fit loop.csv --intervals profile
 
     A CSV file has a header with units: time [s],voltage [V],displacement [um].
-    Ctrl-C prints the best so far and exits with 130.
+    Ctrl-C and --max-time give the best so far, with every file that was asked for; the exit code is
+    130 after Ctrl-C.
     """
-    outputs.check({"--json": json, "--report": report}, overwrite=overwrite)
+    outputs.check(
+        {"--json": json, "--report": report, "--log": how.log},
+        overwrite=overwrite,
+        inputs=(*records, model),
+        grows=frozenset({"--log"}),
+    )
     train, test = parted(checking.records(reading.records(records)), split)
     question, remarks = asked(model, train, start)
     answer = how.fit(question, remarks)
@@ -60,6 +66,9 @@ def fit(
             workers=how.workers,
             log=how.log,
         )
+    # What was found is said before anything is written or drawn, which may fail.
+    parts = (answer, comparison) if sure is None else (answer, sure, comparison)
+    typer.echo(answer.outcome.sentence if quiet else "\n\n".join(map(str, parts)))
     if json is not None:
         data = answer.to_dict()
         if sure is not None:
@@ -68,10 +77,6 @@ def fit(
             data["held_out"] = comparison.to_dict()
         outputs.write_json(json, data, overwrite=overwrite)
     if report is not None:
-        from piezo_opt.report import write_report
-
         results = (answer,) if test is None else (answer, comparison)
-        write_report(report, *results, overwrite=overwrite)
-    parts = (answer, comparison) if sure is None else (answer, sure, comparison)
-    typer.echo(answer.outcome.sentence if quiet else "\n\n".join(map(str, parts)))
+        outputs.write_page(report, *results, overwrite=overwrite)
     leave(answer)

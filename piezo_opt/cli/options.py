@@ -116,6 +116,10 @@ Intervals: TypeAlias = Annotated[
 Replicates: TypeAlias = Annotated[
     int, typer.Option(min=20, metavar="N", help="Replicates of a bootstrap.")
 ]
+MaxTime: TypeAlias = Annotated[
+    str | None,
+    typer.Option(metavar="'60 s'", help="Then give the best so far. No limit by default."),
+]
 Json: TypeAlias = Annotated[
     Path | None, typer.Option("--json", metavar="OUT.json", help="Write the result in SI units.")
 ]

@@ -4,32 +4,72 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+import typer
+
+from piezo_opt.cli.telling import telling
 from piezo_opt.errors import InputError
-from piezo_opt.readers.files import replacing
+from piezo_opt.readers.files import replacing, target_of
+
+INTERRUPTED: Final = 130
+"""Exit code after Ctrl-C, as shells give it: 128 and the number of the signal."""
 
 
-def check(paths: Mapping[str, Path | None], *, overwrite: bool) -> None:
-    """Refuse outputs, by option, that exist, have no folder, or take each other's place."""
+def check(
+    paths: Mapping[str, Path | None],
+    *,
+    overwrite: bool,
+    inputs: Iterable[str | Path | None] = (),
+    grows: frozenset[str] = frozenset(),
+) -> None:
+    """Refuse outputs that would destroy something, before any work.
+
+    Args:
+        paths: outputs by option.
+        overwrite: whether existing files may be replaced.
+        inputs: what the command reads: never an output, whatever was given.
+        grows: options whose file may exist, because it is gone on with.
+
+    Raises:
+        InputError: an output exists, has no folder, is an input, a device or a link to one, or
+            takes another one's place.
+    """
+    read = [Path(one) for one in inputs if one is not None]
     seen: dict[Path, str] = {}
     for option, path in paths.items():
         if path is None:
             continue
-        if path.is_dir():
-            raise InputError(f"{option} {path}: is a directory: name a file in it")
-        if not path.parent.is_dir():
-            raise InputError(f"{option} {path}: there is no folder {path.parent}: make it first")
-        if path.exists() and not overwrite:
+        try:
+            where = target_of(path)
+        except InputError as error:
+            raise InputError(f"{option} {error}") from None
+        for one in read:
+            if _same(where, one):
+                raise InputError(
+                    f"{option} {path}: is read by this command, it would replace {one}: choose "
+                    "another name"
+                )
+        if where.exists() and not overwrite and option not in grows:
             raise InputError(
                 f"{option} {path}: exists already: choose another name or give --overwrite"
             )
-        where = path.resolve()
+        if not os.access(where.parent, os.W_OK):
+            raise InputError(f"{option} {path}: nothing can be written to {path.parent}")
         if where in seen:
             raise InputError(f"{option} and {seen[where]} are the same file {path}: give two")
         seen[where] = option
+
+
+def _same(target: Path, read: Path) -> bool:
+    """Whether two names lead to one file, by a link of either kind."""
+    try:
+        return target.exists() and read.exists() and target.samefile(read)
+    except (OSError, ValueError):
+        return False
 
 
 def write_json(path: Path, data: Mapping[str, Any], *, overwrite: bool) -> None:
@@ -37,6 +77,24 @@ def write_json(path: Path, data: Mapping[str, Any], *, overwrite: bool) -> None:
     with replacing(path, overwrite=overwrite) as temporary:
         text = json.dumps(_finite(data), indent=2, allow_nan=False)
         temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def write_page(path: Path, *results: object, title: str | None = None, overwrite: bool) -> None:
+    """A report; drawing it may take a while, and what is drawn has been printed before.
+
+    Raises:
+        InputError: it cannot be written.
+        typer.Exit: Ctrl-C, with a sentence.
+    """
+    from piezo_opt.report import write_report
+
+    try:
+        with telling("Report") as tell:
+            tell(f"drawing {path}")
+            write_report(path, *results, title=title, overwrite=overwrite)
+    except KeyboardInterrupt:
+        typer.echo(f"Interrupted while {path} was drawn: it was not written.", err=True)
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def _finite(data: Any) -> Any:

@@ -36,13 +36,17 @@ def report(
       piezo-opt report loop.csv --out loop.html
       piezo-opt report loop.csv --model creep.toml --split "40 s" --out creep.html
     """
-    from piezo_opt.report import write_report
-
-    outputs.check({"--out": out}, overwrite=overwrite)
+    outputs.check(
+        {"--out": out, "--log": how.log},
+        overwrite=overwrite,
+        inputs=(*records, model),
+        grows=frozenset({"--log"}),
+    )
     train, test = parted(checking.records(reading.records(records)), split)
     question, remarks = asked(model, train, start)
     answer = how.fit(question, remarks)
     results = (answer,) if test is None else (answer, compare(answer, on=test))
-    write_report(out, *results, title=title, overwrite=overwrite)
-    typer.echo(f"{answer.outcome.sentence}\nReport: {out.resolve()}")
+    typer.echo(answer.outcome.sentence)
+    outputs.write_page(out, *results, title=title, overwrite=overwrite)
+    typer.echo(f"Report: {out.resolve()}")
     leave(answer)

@@ -48,7 +48,7 @@ def simulate(
     Example:
       piezo-opt simulate loop.csv --model fit.json --out simulated.csv
     """
-    outputs.check({"--out": out}, overwrite=overwrite)
+    outputs.check({"--out": out}, overwrite=overwrite, inputs=(source, model))
     file = model_file(model)
     measured = reading.single(source)
     response = respond(

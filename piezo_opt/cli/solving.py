@@ -14,15 +14,14 @@ import typer
 from piezo_opt.cli import choices
 from piezo_opt.cli import options as o
 from piezo_opt.cli.choices import TranscriptionName
+from piezo_opt.cli.outputs import INTERRUPTED
 from piezo_opt.cli.telling import telling
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Ending, Fit, Identification, Progress, solve
 from piezo_opt.identification.stuck import explains_nothing
 from piezo_opt.spread import deaf
-from piezo_opt.units import show
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells give it: 128 and the number of the signal."""
+from piezo_opt.stopping import TimeLimit
+from piezo_opt.units import quantity, show
 
 
 @final
@@ -36,9 +35,33 @@ class Solving:
     seed: o.Seed = 0
     log: o.Log = None
     workers: o.Workers = 1
+    max_time: o.MaxTime = None
 
-    def fit(self, question: Identification, remarks: tuple[str, ...], what: str = "Fit") -> Fit:
-        """Solve, showing how far it is on a terminal; the remarks join those of the fit."""
+    @property
+    def seconds(self) -> float | None:
+        """The limit of time [s]; None without one.
+
+        Raises:
+            InputError: it is no positive time.
+        """
+        seconds = None if self.max_time is None else quantity(self.max_time, "s")
+        return TimeLimit(seconds).seconds
+
+    def fit(
+        self,
+        question: Identification,
+        remarks: tuple[str, ...],
+        what: str = "Fit",
+        limit: TimeLimit | None = None,
+    ) -> Fit:
+        """Solve, saying how far it is; the remarks join those of the fit.
+
+        Args:
+            question: the question.
+            remarks: sentences of the choice of the model.
+            what: the work, as it is told.
+            limit: of the whole command, where it has more than one fit; else this one's own.
+        """
         with telling(what) as tell, pool(self.workers) as executor:
             answer = solve(
                 question,
@@ -49,6 +72,7 @@ class Solving:
                 executor=executor,
                 log=self.log,
                 progress=_counted(tell),
+                max_time=self.seconds if limit is None else limit.left,
             )
         return replace(answer, remarks=(*remarks, *answer.remarks))
 

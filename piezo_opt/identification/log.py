@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from piezo_opt.errors import InputError
 from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.unknowns import Unknowns
+from piezo_opt.readers.files import replacing, target_of
+from piezo_opt.readers.memory import hdf5_in_memory
 
 FloatArray = NDArray[np.float64]
 
@@ -48,6 +50,11 @@ class Log:
 
         self._path = Path(path)
         self._kind = schema.split("/")[1]
+        self.lost = ""
+        try:
+            target_of(self._path)
+        except InputError as error:
+            raise InputError(f"log {error}") from None
         if self._path.exists():
             try:
                 with h5py.File(self._path, "r") as file:
@@ -63,20 +70,34 @@ class Log:
                 )
             return
         try:
-            with h5py.File(self._path, "w") as file:
+            with replacing(self._path, overwrite=False) as out, hdf5_in_memory(out) as file:
                 file.attrs["question"] = question
                 file.attrs["schema"] = schema
-        except OSError as error:
+        except InputError as error:
             raise InputError(
                 f"{path}: a log of {self._kind} cannot be written here ({error}); name another "
                 "file."
             ) from None
 
     def append(self, entry: Entry) -> None:
-        """Add one finished part and close the file, so that a crash loses nothing."""
-        import h5py
+        """Add one finished part in one step: a crash or a full disk leaves the parts before it.
 
-        with h5py.File(self._path, "a") as file:
+        What cannot be written ends the log and not the search: :attr:`lost` says so.
+        """
+        if self.lost:
+            return
+        try:
+            # Beside it and renamed: a file that is cut short would be no log any more. It is small.
+            with replacing(self._path, overwrite=True) as scratch:
+                self._write(scratch, entry)
+        except InputError as error:
+            self.lost = (
+                f"The log ends before part {entry.index} of its {self._kind}, because it could not "
+                f"be written ({error}); the results here are whole."
+            )
+
+    def _write(self, path: Path, entry: Entry) -> None:
+        with hdf5_in_memory(path, begin=self._path) as file:
             group = file.create_group(f"{self._kind}_{entry.index:06d}")
             for name, array in entry.arrays.items():
                 group[name] = array
@@ -105,6 +126,7 @@ def fingerprint(
     for record in question.campaign.records:
         for column in (record.time, record.drive, record.position, *record.channels.values()):
             digest.update(np.ascontiguousarray(column).tobytes())
+        digest.update(record.left_out.tobytes() if record.left_out.any() else b"")
         told = (record.between, record.period, record.startup, question.start_of(record))
         digest.update(repr((told, tuple(record.channels))).encode())
     digest.update(repr([(m.name, m.low, m.high, m.prior) for m in unknown.members]).encode())

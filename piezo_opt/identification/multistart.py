@@ -30,12 +30,13 @@ _DIFFER: Final = "model, records, bounds, loss, start, seed, transcription or so
 @final
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """All starts, best first, and where the best ended."""
+    """All starts, best first, where the best ended, and why the log lacks some of them."""
 
     results: tuple[StartResult, ...]
     theta: FloatArray
     ending: Ending
     sentence: str
+    unlogged: str = ""
 
 
 @final
@@ -154,7 +155,7 @@ def run_starts(
         for d in order
     )  # fmt: skip
     ending = Ending.INTERRUPTED if interrupted else best.ending
-    return Runs(results, best.theta, ending, best.sentence)
+    return Runs(results, best.theta, ending, best.sentence, kept.lost if kept else "")
 
 
 @final

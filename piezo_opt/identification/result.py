@@ -21,6 +21,7 @@ from piezo_opt.identification.problem import Identification, plain
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
 from piezo_opt.measurement import Measurement
+from piezo_opt.readers.files import replacing
 from piezo_opt.simulation import INITIAL, Accuracy
 from piezo_opt.units import show
 from piezo_opt.values import Values
@@ -255,12 +256,13 @@ class Fit:
             ],
         }  # fmt: skip
 
-    def write_json(self, path: str | Path) -> None:
-        """Write :meth:`to_dict` to a file, whole or not at all."""
-        target = Path(path)
-        scratch = target.with_name(f".{target.name}.part")
-        scratch.write_text(json.dumps(self.to_dict(), indent=2) + "\n")
-        scratch.replace(target)
+    def write_json(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write :meth:`to_dict` to a file, whole or not at all.
+
+        Raises `InputError` when it exists and ``overwrite`` is not given, or cannot be written.
+        """
+        with replacing(path, overwrite=overwrite) as scratch:
+            scratch.write_text(json.dumps(self.to_dict(), indent=2) + "\n", encoding="utf-8")
 
     def __str__(self) -> str:
         lines = [

@@ -23,6 +23,7 @@ from piezo_opt.identification.statistics import blind_spots, uncertainty
 from piezo_opt.identification.stuck import doubtful, explains_nothing, far_above
 from piezo_opt.identification.transcription import SingleShooting, Transcription
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
+from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import show
 from piezo_opt.values import Values
 
@@ -41,6 +42,7 @@ def solve(
     log: str | Path | None = None,
     progress: ProgressCallback | None = None,
     statistics: bool = True,
+    max_time: float | None = None,
 ) -> Fit:
     """Estimate the unknowns of a question.
 
@@ -60,13 +62,42 @@ def solve(
         progress: called with each iterate.
         statistics: False leaves the covariance unknown (NaN), and blind spots and remarks unsaid,
             where fits are only compared; :func:`with_statistics` adds them.
+        max_time: [s] after which the best so far is returned, in the main thread; None is no limit.
 
     Returns:
-        the best fit. An interrupt (Ctrl-C) returns the best so far, and says so.
+        the best fit. Ctrl-C and the limit of time return the best so far, and say so.
 
     Raises:
         InputError, ModelError: the question makes no sense; the sentence names the remedy.
     """
+    limit = TimeLimit(max_time)
+    fit = _solved(
+        question, transcription, solver, start, starts, seed, executor, log, progress, statistics,
+        limit,
+    )  # fmt: skip
+    if fit.outcome.ending is Ending.INTERRUPTED and limit.passed:
+        sentence = (
+            f"The limit of {max_time:g} s was reached; this is the best so far (rms "
+            f"{show(fit.rms, 'm')}). Go on with solve(question, start=fit)."
+        )
+        fit = replace(fit, outcome=Outcome(Ending.LIMIT, sentence))
+    return fit
+
+
+def _solved(
+    question: Identification,
+    transcription: Transcription | None,
+    solver: object | None,
+    start: Fit | Values | Mapping[str, float] | None,
+    starts: int,
+    seed: int,
+    executor: Executor | None,
+    log: str | Path | None,
+    progress: ProgressCallback | None,
+    statistics: bool,
+    limit: TimeLimit,
+) -> Fit:
+    """The fit, interrupted or not; only the search is limited, not what is made of its result."""
     chosen: Transcription = SingleShooting() if transcription is None else transcription
     asked = question if start is None else question.starting_at(_numbers(start))
     scout = Monitor(())
@@ -76,14 +107,17 @@ def solve(
     monitor = Monitor(unknown.names, progress)
     monitor.simulations, monitor.with_sensitivities = scout.simulations, scout.with_sensitivities
     if starts > 1:
-        runs = run_starts(
-            asked, unknown, theta, chosen, solver, starts, seed, executor, log, monitor
-        )
+        with limit:
+            runs = run_starts(
+                asked, unknown, theta, chosen, solver, starts, seed, executor, log, monitor
+            )
         best = Solution(runs.theta, runs.ending, runs.sentence)
         fit = _finish(asked, unknown, best, chosen, solver, monitor, statistics)
-        return replace(fit, starts=runs.results)
+        unlogged = (runs.unlogged,) if runs.unlogged else ()
+        return replace(fit, starts=runs.results, remarks=(*fit.remarks, *unlogged))
     try:
-        solution = chosen.identify(asked, unknown, theta, solver, monitor)
+        with limit:
+            solution = chosen.identify(asked, unknown, theta, solver, monitor)
     except KeyboardInterrupt:
         found = theta if monitor.best is None else monitor.best
         return _finish(
@@ -92,9 +126,9 @@ def solve(
         )  # fmt: skip
     fit = _finish(asked, unknown, solution, chosen, solver, monitor, statistics)
     settled = start is not None or bool(question.priors)
-    if settled or solution.ending is not Ending.CONVERGED or not doubtful(fit):
+    if settled or solution.ending is not Ending.CONVERGED or limit.passed or not doubtful(fit):
         return fit
-    return _elsewhere(fit, unknown, chosen, solver, monitor, statistics)
+    return _elsewhere(fit, unknown, chosen, solver, monitor, statistics, limit)
 
 
 def _elsewhere(
@@ -104,17 +138,19 @@ def _elsewhere(
     solver: object | None,
     monitor: Monitor,
     statistics: bool,
+    limit: TimeLimit,
 ) -> Fit:
     """A doubtful fit, or a better one from another start, which its outcome tells."""
     question = fit.question
     record = question.campaign.records[0]
     try:
-        begin = another_start(question, fit.values, record.position - fit.readings[0])
-        if begin is None:
-            return fit
-        solution = transcription.identify(
-            question, unknown, theta_of(unknown, begin), solver, monitor
-        )
+        with limit:
+            begin = another_start(question, fit.values, record.position - fit.readings[0])
+            if begin is None:
+                return fit
+            solution = transcription.identify(
+                question, unknown, theta_of(unknown, begin), solver, monitor
+            )
     except KeyboardInterrupt:
         halted = Solution(theta_of(unknown, fit.values), Ending.INTERRUPTED, "")
         return replace(fit, outcome=_outcome(halted, fit))

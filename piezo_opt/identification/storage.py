@@ -15,9 +15,7 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,6 +30,7 @@ from piezo_opt.identification.result import Fit, StartResult
 from piezo_opt.measurement import Campaign
 from piezo_opt.readers import read_campaign, write
 from piezo_opt.readers.files import replacing
+from piezo_opt.readers.memory import hdf5_in_memory
 from piezo_opt.simulation import Accuracy, Substeps
 from piezo_opt.values import Values
 
@@ -44,18 +43,17 @@ def save_fit(fit: Fit, path: str | os.PathLike[str], *, overwrite: bool = False)
     Raises:
         InputError: the file exists and ``overwrite`` is not given, or cannot be written.
     """
-    import h5py
-
-    target = Path(path)
-    with replacing(target, overwrite=overwrite) as scratch:
+    with replacing(path, overwrite=overwrite) as scratch:
         # The records' writer goes by the suffix and never overwrites.
         records = scratch.with_name(f"{scratch.name}.records.h5")
         try:
             write(fit.question.campaign, records)
-            shutil.copyfile(records, scratch)
+            scratch.write_bytes(records.read_bytes())
+        except InputError as error:
+            raise InputError(str(error).replace(str(records), str(path))) from None
         finally:
             records.unlink(missing_ok=True)
-        with h5py.File(scratch, "a", libver=("v110", "v110")) as file:
+        with hdf5_in_memory(scratch, begin=scratch) as file:
             group = file.create_group("fit")
             group.attrs["schema"] = _SCHEMA
             # Data sets, because an attribute has no room for the results of many starts.

@@ -36,6 +36,7 @@ from piezo_opt.readers.columns import Column, Table
 from piezo_opt.readers.conventions import column_of
 from piezo_opt.readers.files import checked, refuse_rows, replacing
 from piezo_opt.readers.headers import known_unit
+from piezo_opt.readers.memory import hdf5_in_memory
 from piezo_opt.readers.preamble import steps_of
 from piezo_opt.readers.probe import survives
 
@@ -139,7 +140,7 @@ def write_hdf5(
                 raise InputError(f"{path}: {text!r} cannot be stored as text: rename it")
     with (
         replacing(path, overwrite=overwrite) as temporary,
-        h5py.File(temporary, "x", libver=("v110", "v110")) as content,
+        hdf5_in_memory(temporary) as content,
     ):
         content.attrs["format"] = _stored(_FORMAT)
         content.attrs["version"] = _VERSION

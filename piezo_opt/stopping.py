@@ -1,0 +1,62 @@
+"""Ending work early: a limit of wall time that acts as Ctrl-C does."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from typing import final
+
+from piezo_opt.errors import InputError
+
+
+@final
+class TimeLimit:
+    """A limit of wall time [s], counted from when it is made; None never ends.
+
+    Within its ``with`` block the main thread is interrupted once the limit has passed, as by
+    Ctrl-C: whoever answers that with the best so far answers this in the same way. In another
+    thread, which cannot be interrupted, nothing happens.
+
+    Raises:
+        InputError: the limit is no positive number.
+    """
+
+    def __init__(self, seconds: float | None) -> None:
+        if seconds is not None and not 0.0 < seconds < threading.TIMEOUT_MAX:
+            raise InputError(f"A limit of {seconds:g} s is no limit: give a positive time.")
+        self.seconds = seconds
+        self._end = None if seconds is None else time.monotonic() + seconds
+        self._lock = threading.Lock()
+        self._timer: threading.Timer | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Whether the time is over."""
+        return self._end is not None and time.monotonic() >= self._end
+
+    @property
+    def left(self) -> float | None:
+        """Time that is left [s], a millisecond at least; None without a limit."""
+        return None if self._end is None else max(1e-3, self._end - time.monotonic())
+
+    def __enter__(self) -> TimeLimit:
+        if self._end is not None and threading.current_thread() is threading.main_thread():
+            timer = threading.Timer(max(0.0, self._end - time.monotonic()), self._interrupt)
+            timer.daemon = True
+            self._timer = timer
+            timer.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            timer, self._timer = self._timer, None
+        if timer is not None:
+            timer.cancel()
+
+    def _interrupt(self) -> None:
+        # Under the lock: nobody who has left the block is interrupted any more.
+        with self._lock:
+            main = threading.main_thread().ident
+            if self._timer is not None and main is not None:
+                signal.pthread_kill(main, signal.SIGINT)
