@@ -167,9 +167,7 @@ class Drive:
                 lines.write(",".join(map(repr, row)) + "\n")
 
     def _write_hdf5(self, path: Path) -> None:
-        import h5py
-
-        with h5py.File(path, "w") as file:
+        with hdf5_in_memory(path) as file:
             for name, values, unit in (
                 ("time", self.time, "s"),
                 ("drive", self.values, self.unit),

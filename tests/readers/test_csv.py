@@ -278,7 +278,7 @@ class TestWriting:
             raise OSError(28, "No space left on device")
 
         monkeypatch.setattr(Path, "replace", full)
-        with pytest.raises(InputError, match="No space left"):
+        with pytest.raises(InputError, match="the disk is full"):
             write(self.record(), file, overwrite=True)
         assert file.read_text() == "precious"
         assert [one.name for one in tmp_path.iterdir()] == ["a.csv"]
