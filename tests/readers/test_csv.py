@@ -299,7 +299,7 @@ class TestWriting:
     def test_where_and_what_cannot_be_written(self, tmp_path: Path) -> None:
         record = self.record()
         for target, says in (
-            (tmp_path / "no" / "a.csv", "no such directory"),
+            (tmp_path / "no" / "a.csv", "there is no folder"),
             (tmp_path, "written as .csv"),
             (tmp_path / "a.xlsx", "written as .csv"),
         ):
