@@ -64,6 +64,7 @@ class ModelFile:
         free: parameters declared fixed that shall be estimated.
         per_record: parameters with one value for each record.
         noise: standard deviation of the reading's noise [m], or None.
+        sampling: step [s] and range of the drive [V] of the fitted record, if told.
     """
 
     model: Model
@@ -74,6 +75,7 @@ class ModelFile:
     free: tuple[str, ...] = ()
     per_record: tuple[str, ...] = ()
     noise: float | None = None
+    sampling: tuple[float, float, float] | None = None
 
     def question(
         self,
@@ -179,7 +181,17 @@ def _from_fit(file: Path, data: Mapping[str, Any]) -> ModelFile:
         for name, declared in model.parameters.items()
         if declared.fixed and parameters.get(name, {}).get("estimated") is True
     )
-    return ModelFile(model, values, fixed, free=free)
+    return ModelFile(model, values, fixed, free=free, sampling=_sampling(data))
+
+
+def _sampling(data: Mapping[str, Any]) -> tuple[float, float, float] | None:
+    """Step and range of the drive of the first record; None where the file does not tell."""
+    try:
+        first = data["sampling"][0]
+        step, (low, high) = float(first["step"]), map(float, first["drive"])
+    except (KeyError, IndexError, TypeError, ValueError):
+        return None
+    return (step, low, high) if 0.0 < step < float("inf") and low < high else None
 
 
 def _size(error: object) -> float:

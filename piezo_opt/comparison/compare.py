@@ -103,7 +103,7 @@ class Comparison:
                 {
                     "label": entry.label,
                     "model": entry.fit.model.to_dict(),
-                    "parameters": entry.fit.to_dict()["parameters"],
+                    **{key: entry.fit.to_dict()[key] for key in ("parameters", "sampling")},
                     **entry.metrics.to_dict(),
                     "records": {
                         one.record.name: {

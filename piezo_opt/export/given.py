@@ -33,6 +33,7 @@ class Given:
         values: of its parameters, SI units; of several records those of the first.
         pruned: names of the effects that were left out.
         record: on which it was fitted, where that is at hand.
+        sampling: its step [s] and range of the drive [V], where only these are.
         told: where it comes from, for the comments.
     """
 
@@ -41,6 +42,7 @@ class Given:
     pruned: tuple[str, ...]
     record: Measurement | None
     told: str
+    sampling: tuple[float, float, float] | None = None
 
 
 def given(source: Source, values: Mapping[str, float] | None = None) -> Given:
@@ -56,6 +58,7 @@ def given(source: Source, values: Mapping[str, float] | None = None) -> Given:
         ModelError: nothing of the model is left.
     """
     record: Measurement | None = None
+    sampling: tuple[float, float, float] | None = None
     if isinstance(source, Diagnosis):
         source = source.final
     if isinstance(source, Fit):
@@ -65,9 +68,11 @@ def given(source: Source, values: Mapping[str, float] | None = None) -> Given:
         model, numbers, told = source, Values.nominal(source), "a model in Python"
     elif isinstance(source, ModelFile):
         model, numbers, told = source.model, source.numbers, "a model file"
+        sampling = source.sampling
     else:
         file = read_model(source)
         model, numbers, told = file.model, file.numbers, Path(source).name
+        sampling = file.sampling
     own = numbers.of_record(0)
     for name in values or {}:
         if name not in model.parameters:
@@ -85,11 +90,15 @@ def given(source: Source, values: Mapping[str, float] | None = None) -> Given:
     if not len(model):
         raise ModelError("Every effect of the model is at its null: there is nothing to export.")
     kept = Values({name: own[name] for name in model.parameters})
-    return Given(model, kept, pruned, record, told)
+    return Given(model, kept, pruned, record, told, sampling)
 
 
-def interval(step: str | float | None, record: Measurement | None) -> float:
-    """The time between two calls [s]: as given, or the record's.
+def interval(
+    step: str | float | None,
+    record: Measurement | None,
+    sampling: tuple[float, float, float] | None = None,
+) -> float:
+    """The time between two calls [s]: as given, or that of the record or of what is told of it.
 
     Raises:
         InputError: neither is there, or it is no time.
@@ -99,6 +108,8 @@ def interval(step: str | float | None, record: Measurement | None) -> float:
         if not 0.0 < found < np.inf:
             raise InputError(f"step = {step}: is no time: give the time between two calls, '1 ms'")
         return found
+    if record is None and sampling is not None:
+        return sampling[0]
     if record is None:
         raise InputError(
             "How often the code will be called is not known: give step='1 ms' (--step), or a "

@@ -220,6 +220,13 @@ class Fit:
             "fit_percent": self.fit_percent,
             "model": self.model.to_dict(),
             "records": [r.name for r in self.records],
+            "sampling": [
+                {
+                    "samples": len(r), "step": r.step,
+                    "drive": [float(r.drive.min()), float(r.drive.max())],
+                }
+                for r in self.records
+            ],
             "parameters": {
                 n: {
                     "value": self.values[n],

@@ -292,6 +292,10 @@ def test_fits_and_their_files(fit: po.Fit, tmp_path: Path) -> None:
     model.write_text(json.dumps({**fit.model.to_dict(), "values": dict(fit.values)}))
     wanted = export_c(fit, tmp_path / "fit")
     assert wanted.replay is not None
+    # The step and the range of the drive are told by the file itself.
+    alone = export_c(file, tmp_path / "alone")
+    assert alone.replay is not None
+    assert alone.replay.stroke == pytest.approx(wanted.replay.stroke, rel=0.01)
     source = (tmp_path / "fit" / "actuator.c").read_text()
     for path in (file, comparison, diagnosis, model):
         assert read_model(path).model == fit.model

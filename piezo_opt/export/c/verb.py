@@ -122,10 +122,10 @@ def planned(
     """The equations with their sub-steps, and the record on which they were chosen."""
     naming.prefix(name)
     known = replayed or what.record
-    every = interval(step, known)
+    every = interval(step, known, what.sampling)
     system = system_of(what)
     if known is None:
-        low, high = drive or _RANGE
+        low, high = drive or (what.sampling[1:] if what.sampling else _RANGE)
         if not low < high:
             raise InputError(f"drive = {drive}: give the lower end of the range first")
         nominal = {c: 293.15 if c == "temperature" else 1.0 for c in system.channel_names}

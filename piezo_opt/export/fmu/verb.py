@@ -117,7 +117,7 @@ def export_fmu(
         )
     with replacing(target, overwrite=overwrite) as scratch:
         what = given(source, values)
-        every = interval(step, record or what.record)
+        every = interval(step, record or what.record, what.sampling)
         ready, accuracy, _ = planned(
             what, step=every, replayed=record, name=name, substeps=None, drive=drive
         )
