@@ -353,7 +353,7 @@ def test_the_time_limit_gives_the_best_so_far_and_every_file(
     assert (data["verdict"], data["steps"]) == ("open", [])
     assert data["rms_final"] == data["rms_baseline"] == data["final_model"]["rms"]
     assert page.stat().st_size > 20_000
-    refused(run("diagnose", parts[0], "--max-time", "-1 s"), "max_time", "positive")
+    refused(run("diagnose", parts[0], "--max-time", "-1 s"), "limit of -1 s", "positive")
 
 
 def test_the_user_puts_effects_in_and_takes_them_out(loop: Path, tmp_path: Path) -> None:

@@ -109,6 +109,6 @@ def test_it_refuses_what_is_no_result(fit: Fit, tmp_path: Path) -> None:
         write_report(tmp_path / "page.html", fit, 3)
     with pytest.raises(InputError, match="needs a result"):
         write_report(tmp_path / "page.html")
-    with pytest.raises(InputError, match="no such directory"):
+    with pytest.raises(InputError, match="there is no folder"):
         write_report(tmp_path / "nowhere" / "page.html", fit)
     assert list(tmp_path.iterdir()) == []
