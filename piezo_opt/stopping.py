@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
+from collections.abc import Callable
 from typing import final
 
 from piezo_opt.errors import InputError
@@ -16,7 +17,8 @@ class TimeLimit:
 
     Within its ``with`` block the main thread is interrupted once the limit has passed, as by
     Ctrl-C: whoever answers that with the best so far answers this in the same way. In another
-    thread, which cannot be interrupted, nothing happens.
+    thread, which cannot be interrupted, only :meth:`check` ends the work. A block that is entered
+    after the limit is interrupted at once.
 
     Raises:
         InputError: the limit is no positive number.
@@ -40,7 +42,26 @@ class TimeLimit:
         """Time that is left [s], a millisecond at least; None without a limit."""
         return None if self._end is None else max(1e-3, self._end - time.monotonic())
 
+    def check(self) -> None:
+        """Interrupt when the time is over.
+
+        Raises:
+            KeyboardInterrupt: it is.
+        """
+        if self.passed:
+            raise KeyboardInterrupt
+
+    def checking(self, tell: Callable[[str], None]) -> Callable[[str], None]:
+        """What tells a sentence, and ends the work there when the time is over."""
+
+        def told(sentence: str) -> None:
+            self.check()
+            tell(sentence)
+
+        return told
+
     def __enter__(self) -> TimeLimit:
+        self.check()
         if self._end is not None and threading.current_thread() is threading.main_thread():
             timer = threading.Timer(max(0.0, self._end - time.monotonic()), self._interrupt)
             timer.daemon = True

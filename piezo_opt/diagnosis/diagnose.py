@@ -19,7 +19,6 @@ from piezo_opt.diagnosis.rivals import Rival, in_words
 from piezo_opt.diagnosis.rivals import rivals as refitted
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, score
 from piezo_opt.diagnosis.steps import Step
-from piezo_opt.diagnosis.stopping import TimeLimit
 from piezo_opt.diagnosis.structure import Structure, structure
 from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
 from piezo_opt.effects.base import Effect, Place
@@ -34,6 +33,7 @@ from piezo_opt.identification import (
     solve,
 )
 from piezo_opt.measurement import Campaign, Measurement
+from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import show
 
 _ABOVE = 1.5

@@ -9,7 +9,8 @@ import pytest
 
 from piezo_opt.diagnosis import ladder
 from piezo_opt.diagnosis.diagnose import Stopped, diagnose
-from piezo_opt.diagnosis.stopping import Pool, TimeLimit
+from piezo_opt.diagnosis.stopping import Pool
+from piezo_opt.stopping import TimeLimit
 from problems import hidden_effect
 from tests.diagnosis.plants import but
 
