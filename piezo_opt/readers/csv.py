@@ -104,24 +104,29 @@ def _numbers(file: Path, layout: Layout, encoding: str) -> FloatArray:
 def _fast(file: Path, layout: Layout, encoding: str) -> FloatArray | None:
     """The rows of a table of plain numbers, parsed without a look at them; None where that fails.
 
-    The parser does not name what it stumbles over, and it warns about every empty line.
+    The parser does not name what it stumbles over as an editor would.
     """
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)
-            rows: FloatArray = np.loadtxt(
-                str(file.resolve()),
-                delimiter=layout.dialect.separator,
-                comments="#",
-                ndmin=2,
-                skiprows=layout.head.row,
-                max_rows=MOST_ROWS + 1,
-                encoding=encoding,
-            )
+        rows = _parsed(
+            str(file.resolve()),
+            delimiter=layout.dialect.separator,
+            skiprows=layout.head.row,
+            encoding=encoding,
+        )
     except (ValueError, OSError):
         return None
     refuse_rows(file, rows.shape[0])
     return rows if rows.shape[0] and rows.shape[1] == len(layout.pattern) else None
+
+
+def _parsed(source: str | Iterable[str], **how: Any) -> FloatArray:
+    """Numbers of a file or of lines, without the parser's warnings about lines without cells."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        rows: FloatArray = np.loadtxt(
+            source, comments="#", ndmin=2, max_rows=MOST_ROWS + 1, **{"encoding": None, **how}
+        )
+    return rows
 
 
 def _careful(file: Path, layout: Layout, lines: Iterable[str], encoding: str) -> FloatArray:
@@ -134,15 +139,11 @@ def _careful(file: Path, layout: Layout, lines: Iterable[str], encoding: str) ->
         k: seconds_reader() for k in used if layout.pattern[k] == "c"
     }
     try:
-        rows: FloatArray = np.loadtxt(
+        rows = _parsed(
             _prepared(lines, layout),
             delimiter="\t" if layout.dialect.quoted else layout.dialect.separator,
-            comments="#",
-            ndmin=2,
-            max_rows=MOST_ROWS + 1,
             usecols=None if len(used) == len(layout.pattern) else used,
             converters=clocks or None,
-            encoding=None,
         )
     except UnicodeDecodeError:
         raise

@@ -38,9 +38,8 @@ from piezo_opt.readers.files import checked, refuse_rows, replacing
 from piezo_opt.readers.headers import known_unit
 from piezo_opt.readers.memory import hdf5_in_memory
 from piezo_opt.readers.preamble import steps_of
-from piezo_opt.readers.probe import survives
+from piezo_opt.readers.probe import OWN, survives
 
-_FORMAT = "piezo_opt records"
 _VERSION = 1
 _WIDEST = 64
 """Signals that a matrix may hold."""
@@ -53,7 +52,7 @@ def campaign_from_hdf5(path: str | os.PathLike[str]) -> Campaign | None:
     """
     file = checked(path)
     with opened(file) as content:
-        if text_of(content.attrs.get("format", "")) != _FORMAT:
+        if text_of(content.attrs.get("format", "")) != OWN:
             return None
         version = content.attrs.get("version")
         if version != _VERSION:
@@ -142,7 +141,7 @@ def write_hdf5(
         replacing(path, overwrite=overwrite) as temporary,
         hdf5_in_memory(temporary) as content,
     ):
-        content.attrs["format"] = _stored(_FORMAT)
+        content.attrs["format"] = _stored(OWN)
         content.attrs["version"] = _VERSION
         for number, record in enumerate(campaign):
             _write_record(content.create_group(f"record_{number:04d}"), record)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from typing import Any
 
@@ -25,19 +26,23 @@ def table_from_tdms(path: str | os.PathLike[str]) -> Table:
     """
     file = checked(path)
     library = needed("nptdms", extra="tdms", what="TDMS files")
+    # What the library writes to the console of a cut file is said here in a note.
+    needed("nptdms.log", extra="tdms", what="TDMS files").log_manager.set_level(logging.ERROR)
     columns: list[Column] = []
     clocks: set[tuple[float, float]] = set()
+    notes: list[str] = []
     try:
-        with library.TdmsFile.open(file) as content:
+        with file.open("rb") as raw, library.TdmsFile.open(raw) as content:
             groups = content.groups()
-            for group in groups:
-                for channel in group.channels():
-                    refuse_rows(file, len(channel))
-                    several = len(groups) > 1
-                    name = f"{group.name}/{channel.name}" if several else channel.name
-                    column, clock = _column(str(file), name, channel)
-                    columns += [column] if column is not None else []
-                    clocks |= {clock} if clock is not None else set()
+            channels = [channel for group in groups for channel in group.channels()]
+            kept, said = _kept(content.file_status, channels)
+            notes += said
+            for channel in channels:
+                refuse_rows(file, len(channel))
+                own = channel.name if len(groups) == 1 else f"{channel.group_name}/{channel.name}"
+                column, clock = _column(str(file), own, channel, kept[channel.path])
+                columns += [column] if column is not None else []
+                clocks |= {clock} if clock is not None else set()
     except InputError:
         raise
     except Exception as error:  # a damaged file surfaces as any of the library's many errors
@@ -45,7 +50,6 @@ def table_from_tdms(path: str | os.PathLike[str]) -> Table:
             f"{file}: is not a whole TDMS file: copy or export it again "
             f"({(str(error).splitlines() or [type(error).__name__])[0][:120]})"
         ) from error
-    notes = []
     if len(clocks) > 1:
         notes.append("The channels have different clocks; those of the same clock belong together.")
     return Table(
@@ -57,8 +61,34 @@ def table_from_tdms(path: str | os.PathLike[str]) -> Table:
     )
 
 
-def _column(file: str, name: str, channel: Any) -> tuple[Column | None, tuple[float, float] | None]:
-    values = np.asarray(channel[:])
+def _kept(status: Any, channels: list[Any]) -> tuple[dict[str, int], list[str]]:
+    """How many values of each channel are used, and what is said of a file that is cut short.
+
+    The last block of such a file holds the first channels whole and the others in part; channels
+    that were equally long are used as far as all of them go.
+    """
+    lengths = {channel.path: len(channel) for channel in channels}
+    if not status.incomplete_final_segment:
+        return lengths, []
+    lost = {
+        path: one.expected_length - one.read_length
+        for path, one in (status.channel_statuses or {}).items()
+    }
+    meant = {path: length + lost.get(path, 0) for path, length in lengths.items()}
+    kept = {
+        path: min(lengths[other] for other in lengths if meant[other] == meant[path])
+        for path in lengths
+    }
+    return kept, [
+        "The file ends within its last block, as a copy does that was cut short or a log that was "
+        "broken off. What was read is shorter than what was measured."
+    ]
+
+
+def _column(
+    file: str, name: str, channel: Any, kept: int
+) -> tuple[Column | None, tuple[float, float] | None]:
+    values = np.asarray(channel[:kept])
     step = channel.properties.get("wf_increment")
     clock = None
     if isinstance(step, int | float | np.number) and float(step) > 0.0 and values.size:

@@ -286,6 +286,22 @@ class TestLabview:
         with pytest.raises(InputError, match=r"a\.tdms: "):
             read(tmp_path / "a.tdms")
 
+    def test_a_tdms_that_is_cut_short_says_so(self, tmp_path: Path) -> None:
+        with TdmsWriter(tmp_path / "a.tdms") as writer:
+            for part in (slice(0, 100), slice(100, 200)):
+                channels = [
+                    ChannelObject("log", name, values[part], {"unit_string": unit})
+                    for (name, values), unit in zip(SIGNALS, ("V", "um"), strict=True)
+                ]
+                writer.write_segment(channels)
+        whole = (tmp_path / "a.tdms").read_bytes()
+        assert not any("shorter" in note for note in read(tmp_path / "a.tdms", rate="1 kHz").notes)
+        # Of the second block's 100 drives and 100 readings all drives and 37 readings are left.
+        (tmp_path / "a.tdms").write_bytes(whole[: -63 * 8])
+        cut = read(tmp_path / "a.tdms", rate="1 kHz")
+        assert len(cut) == 137
+        assert any("shorter than what was measured" in note for note in cut.notes)
+
     def test_a_missing_library_is_named(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
