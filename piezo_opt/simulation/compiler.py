@@ -21,7 +21,7 @@ import platform
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
@@ -69,6 +69,7 @@ def load(
     recipe: str,
     write: Callable[[str], str | Mapping[str, str]] = str,
     progress: Callable[[int, int], None] | None = None,
+    flags: Sequence[str] = (),
 ) -> ctypes.CDLL | None:
     """The compiled library of a recipe, or None when it cannot be built here.
 
@@ -78,6 +79,7 @@ def load(
             ``.c`` are compiled side by side; not called where the library is kept. Unless given,
             the recipe is the C text.
         progress: told how many texts are compiled, and of how many.
+        flags: of the compiler, after :data:`FLAGS`.
 
     Raises:
         InputError: the cache directory is not the user's alone.
@@ -85,7 +87,7 @@ def load(
     compiler = find_compiler()
     if compiler is None:
         return None
-    key = digest(f"{_fingerprint(compiler)}\n{recipe}".encode())
+    key = digest(f"{_fingerprint(compiler)}{flags}\n{recipe}".encode())
 
     def texts() -> Mapping[str, str]:
         told = write(recipe)
@@ -93,9 +95,10 @@ def load(
 
     say = progress or (lambda _done, _all: None)
     loaded = None
+    command = (compiler, *FLAGS, *flags)
     with contextlib.suppress(OSError):
-        loaded = _load_into(own_directory(), key, texts, compiler, say)
-    return loaded or _load_into(Path(_private_directory()), key, texts, compiler, say)
+        loaded = _load_into(own_directory(), key, texts, command, say)
+    return loaded or _load_into(Path(_private_directory()), key, texts, command, say)
 
 
 @cache
@@ -112,7 +115,7 @@ def _load_into(
     directory: Path,
     key: str,
     texts: Callable[[], Mapping[str, str]],
-    compiler: str,
+    command: tuple[str, ...],
     progress: Callable[[int, int], None],
 ) -> ctypes.CDLL | None:
     kept = directory / key
@@ -126,7 +129,7 @@ def _load_into(
             if loaded is not None:
                 return loaded
             with tempfile.TemporaryDirectory(prefix=".build_", dir=directory) as scratch:
-                made = _compile(Path(scratch), texts(), compiler, progress)
+                made = _compile(Path(scratch), texts(), command, progress)
                 if made is None:
                     return None
                 os.replace(made, kept / f"{digest(made.read_bytes())}.so")
@@ -173,32 +176,30 @@ def _open_kept(kept: Path) -> ctypes.CDLL | None:
 def _compile(
     scratch: Path,
     texts: Mapping[str, str],
-    compiler: str,
+    command: tuple[str, ...],
     progress: Callable[[int, int], None],
 ) -> Path | None:
     for name, text in texts.items():
         (scratch / name).write_text(text)
     sources = [scratch / name for name in texts if name.endswith(".c")]
-    for flags in (FLAGS, tuple(f for f in FLAGS if f != "-march=native")):
+    for cc in (command, tuple(part for part in command if part != "-march=native")):
         target = scratch / "core.so"
         if len(sources) == 1:
-            if _run(compiler, *flags, "-shared", "-o", str(target), str(sources[0]), "-lm"):
+            if _run(*cc, "-shared", "-o", str(target), str(sources[0]), "-lm"):
                 return target
             continue
         objects = [source.with_suffix(".o") for source in sources]
         commands = [
-            (*flags, "-c", "-o", str(o), str(s)) for s, o in zip(sources, objects, strict=True)
+            (*cc, "-c", "-o", str(o), str(s)) for s, o in zip(sources, objects, strict=True)
         ]
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             done = 0
             progress(0, len(sources))
-            for good in pool.map(lambda command: _run(compiler, *command), commands):
+            for good in pool.map(lambda one: _run(*one), commands):
                 done += good
                 progress(done, len(sources))
         named = [str(o) for o in objects]
-        if done == len(sources) and _run(
-            compiler, *flags, "-shared", "-o", str(target), *named, "-lm"
-        ):
+        if done == len(sources) and _run(*cc, "-shared", "-o", str(target), *named, "-lm"):
             return target
     return None
 

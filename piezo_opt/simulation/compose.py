@@ -40,6 +40,8 @@ class Operation:
 
     symbol: str
     slots: tuple[int, ...]
+    inputs: int = 0
+    """How many of the slots are inputs, where the function is no sum and no product."""
 
 
 @final
@@ -188,7 +190,7 @@ class _Composer:
             size = len(block.states)
             outputs = [self.slot(f"weight {i} {k}") for k in range(6 * size * size)]
             slots = (*block.matrix, first["length"], *outputs)
-            weigh.operations.append(Operation(WEIGHTS[size - 1], slots))
+            weigh.operations.append(Operation(WEIGHTS[size - 1], slots, size * size + 1))
         clocks, delay = self._delays()
         lists = {
             "once": once, "weigh": weigh, "stage": stage, "reading": reading, "jump": jump,
@@ -396,7 +398,7 @@ class _List:
         part = self.own.forms[effect].parts[kind]
         inputs = tuple(self.positive(self._local(effect, name)) for name in part.inputs)
         outputs = tuple(self.own.slot(f"{key} {i}") for i in range(part.outputs))
-        self.operations.append(Operation(part.symbol, (*inputs, *outputs)))
+        self.operations.append(Operation(part.symbol, (*inputs, *outputs), len(inputs)))
         for i, slot in enumerate(outputs):
             self.made[slot] = (effect, (kind,), inputs, i)
         self._known[key] = outputs[0]

@@ -15,7 +15,14 @@ from piezo_opt.assembly import System
 from piezo_opt.errors import ModelError
 from piezo_opt.simulation.compose import Composition, NotComposable, Operation, compose
 from piezo_opt.simulation.exponential import reach
-from piezo_opt.simulation.library import GENERIC, Functions, Library, catalogue, functions_of
+from piezo_opt.simulation.library import (
+    GENERIC,
+    MACHINE,
+    Functions,
+    Library,
+    catalogue,
+    functions_of,
+)
 from piezo_opt.simulation.runs import Ceiling, Run
 from piezo_opt.simulation.schedule import Segment
 from piezo_opt.simulation.scheme import INITIAL
@@ -61,6 +68,7 @@ class _Wanted(ctypes.Structure):
     _fields_ = [
         ("p", _POINTER), ("moves", _POINTER), ("clocks", _POINTER), ("d", ctypes.c_long),
         *((name, _POINTER) for name in ("x", "s", "y", "j", "xo", "m")), ("most", ctypes.c_double),
+        ("code", _POINTER),
     ]  # fmt: skip
 
 
@@ -206,13 +214,17 @@ def _planned(
         bounds[name] = _List(len(rows), len(operations))
         for one in operations:
             if one.symbol in GENERIC:
-                itself = (nothing, _address(core, one.symbol))
+                itself = (nothing, _address(core, one.symbol), 0)
                 pair, kept = (itself, itself), (0, 0)
             elif one.symbol in addresses:
                 pair, kept = addresses[one.symbol], kept_by[one.symbol]
             else:
                 pair, kept = library.address(one.symbol), (0, 0)
-            rows.append((*pair[0], *pair[1], len(slots), plain_numbers, moved_numbers))
+            (prepare, plain, words), (prepare_too, moved, words_too) = pair
+            rows.append((
+                prepare, plain, prepare_too, moved, words, words_too, len(slots), one.inputs,
+                plain_numbers, moved_numbers,
+            ))  # fmt: skip
             slots += one.slots
             plain_numbers += _WIDE * -(-kept[0] // _WIDE)
             moved_numbers += _WIDE * -(-kept[1] // _WIDE)
@@ -286,16 +298,47 @@ def _typed(core: ctypes.CDLL) -> ctypes.CDLL:
     core.po_run.argtypes = [_POINTER, ctypes.c_long, _POINTER, _POINTER]
     core.po_start.argtypes = [*[_POINTER] * 7, ctypes.c_long, *[_POINTER] * 2]
     core.po_slopes.argtypes = [_POINTER, *[ctypes.c_double] * 3, *[_POINTER] * 6]
+    core.po_translate.argtypes = [*[_POINTER] * 3, ctypes.c_long, _POINTER]
+    core.po_translate.restype = _POINTER
+    core.po_suits.argtypes = [_POINTER, _POINTER, ctypes.c_long]
+    core.po_release.argtypes = [_POINTER]
+    core.po_release.restype = None
     return core
 
 
 @final
+class _Code:
+    """Machine code of a plan with its directions; the memory is given back with it."""
+
+    def __init__(self, core: ctypes.CDLL, address: int) -> None:
+        self.core = core
+        self.address = address
+
+    def suits(self, sensitivities: FloatArray) -> bool:
+        """Whether it leaves out no sensitivity that is other than zero at the start."""
+        where, k = sensitivities.ctypes.data, sensitivities.shape[1]
+        return bool(self.core.po_suits(self.address, where, k))
+
+    def __del__(self) -> None:
+        self.core.po_release(self.address)
+
+
+@final
 class ComposedEngine:
-    """A composed model with its directions, called through ctypes (which releases the lock)."""
+    """A composed model with its directions, called through ctypes (which releases the lock).
+
+    Args:
+        program: the composed model.
+        directions: of the sensitivities.
+        machine: whether machine code is made of the whole sub-step, where the processor has the
+            instructions; without it the functions are called one by one.
+    """
 
     compiled = True
 
-    def __init__(self, program: Program, directions: Sequence[str]) -> None:
+    def __init__(self, program: Program, directions: Sequence[str], machine: bool = True) -> None:
+        self._machine = machine and MACHINE
+        self._codes: tuple[_Code, ...] = ()
         self._program = program
         self._core = program.core
         self._plan = ctypes.byref(program.plan)
@@ -349,6 +392,7 @@ class ComposedEngine:
         measured, most = None, np.inf
         if ceiling is not None:
             measured, most = vector(ceiling.measured, count), ceiling.squares
+        code = self._code(s)
         at = segment.addresses
         along = _Segments(
             at.length, cut.ctypes.data, at.time, at.drive, at.slope, at.channels,
@@ -360,11 +404,27 @@ class ComposedEngine:
             None if self._clocks is None else self._clocks.ctypes.data, k, x.ctypes.data,
             s.ctypes.data, y.ctypes.data, j.ctypes.data, None if xs is None else xs.ctypes.data,
             None if measured is None else measured.ctypes.data, most,
+            None if code is None else code.address,
         )  # fmt: skip
         checked(self._core.po_run(
             self._plan, segment.length.size, ctypes.byref(along), ctypes.byref(wanted)
         ))  # fmt: skip
         return Run(y, j, xs, x, s)
+
+    def _code(self, s: FloatArray) -> _Code | None:
+        """Machine code for runs that start with such sensitivities; None where there is none."""
+        found = next((code for code in self._codes if code.suits(s)), None)
+        if found is None and self._machine:
+            address = self._core.po_translate(
+                self._plan, self._moves.ctypes.data,
+                None if self._clocks is None else self._clocks.ctypes.data, self._shape[1],
+                s.ctypes.data,
+            )  # fmt: skip
+            if address is None:
+                return None
+            found = _Code(self._core, address)
+            self._codes = (*self._codes, found)  # replaced as a whole: threads may race
+        return found
 
 
 def checked(failed: int) -> None:

@@ -15,7 +15,8 @@ typedef struct {
     po_evaluate *plain;
     po_prepare *prepare_moved;
     po_evaluate *moved;
-    int64_t at, kept_plain, kept_moved;
+    const po_word *words_plain, *words_moved;
+    int64_t at, inputs, kept_plain, kept_moved;
 } po_operation;
 
 typedef struct { int64_t first, count; } po_list;
@@ -60,6 +61,7 @@ static inline void po_restore(const unsigned *const kept) { __builtin_ia32_ldmxc
 #define INLINE static inline __attribute__((always_inline))
 #define ROWS for (long g = 0; g < N; ++g)
 enum { LENGTHS = 16 };
+enum { HALF, HALF_INPUT, WHOLE, FIRST, MIDDLE, LAST }; /* kinds of weights */
 
 /* Bytes from one slot to the next, with N rows behind each number. */
 #define STRIDE(N) ((N) ? 64 * ((N) + 1) : 8)
@@ -98,51 +100,80 @@ void po_quotient(const int *A, char *B, const double *K, long N)
 
 void po_nothing(const int *A, const char *B, double *K) {}
 
+/* Machine code that moves a plan by a sub-step, and that takes a reading: see machine.h. W and WR are
+   the weights of the blocks. */
+typedef void po_machine(char *b, const double *W, const po_row *WR);
+
+/* groups: of each slot the groups of four directions that may move it; spills: bytes behind the
+   memory of a run that it writes to. */
+typedef struct {
+    po_machine *step, *reading;
+    void *memory;
+    uint64_t *groups;
+    int64_t bytes, spills, states, first;
+} po_code;
+
 /* Working memory of one run: slots, what preparations keep, places of the operations' slots; where
    a sub-step began, what its stages add up to, and the rates of the blocks at each stage. */
 typedef struct {
     char *b;
     int *at;
-    double *k, *x, *sum, *kept, *bx, *ba, *bn;
+    double *k, *x, *sum, *kept, *bx, *ba, *bn, *instant;
     po_row *X, *SUM, *K, *BX, *BA, *BN, *clock;
 } po_memory;
 
-INLINE void *carve(char **const left, const int64_t bytes)
+/* Where each of them is, in bytes. */
+typedef struct {
+    int64_t b, at, k, x, sum, kept, bx, ba, bn, X, SUM, K, BX, BA, BN, clock, instant, bytes;
+} po_layout;
+
+static int64_t carve(po_layout *const l, const int64_t bytes)
 {
-    void *const here = *left;
-    *left += (bytes + 63) / 64 * 64;
+    const int64_t here = l->bytes;
+    l->bytes += (bytes + 63) / 64 * 64;
     return here;
 }
 
-static void *make(const po_plan *const p, po_memory *const m, const long N)
+static po_layout layout(const po_plan *const p, const long N)
 {
     const int64_t w = p->n_weights + 2, k = N ? p->kept_moved : p->kept_plain;
     const int64_t moving = p->n_moving + 1, blocks = 2 * p->n_blocks + 1;
-    const int64_t stride = STRIDE(N);
-    const int64_t numbers = k + 2 * moving + LENGTHS * w + 7 * blocks + 16 * 8;
-    const int64_t rows = N * (2 * moving + LENGTHS * w + 7 * blocks + 1);
-    const int64_t bytes = stride * p->count + 4 * p->n_slots + 8 * numbers + 64 * rows + 16 * 64;
-    void *const all = malloc(bytes);
+    po_layout l = {0};
+    l.b = carve(&l, STRIDE(N) * p->count);
+    l.at = carve(&l, 4 * p->n_slots);
+    l.k = carve(&l, 8 * k);
+    l.x = carve(&l, 8 * moving);
+    l.sum = carve(&l, 8 * moving);
+    l.kept = carve(&l, 8 * LENGTHS * w);
+    l.bx = carve(&l, 8 * blocks);
+    l.ba = carve(&l, 8 * blocks);
+    l.bn = carve(&l, 8 * 5 * blocks);
+    l.X = carve(&l, 64 * N * moving);
+    l.SUM = carve(&l, 64 * N * moving);
+    l.K = carve(&l, 64 * N * LENGTHS * w);
+    l.BX = carve(&l, 64 * N * blocks);
+    l.BA = carve(&l, 64 * N * blocks);
+    l.BN = carve(&l, 64 * N * 5 * blocks);
+    l.clock = carve(&l, 64 * N);
+    l.instant = carve(&l, 8 * (4 + p->channels));
+    return l;
+}
+
+static void *make(const po_plan *const p, po_memory *const m, const long N, const int64_t more)
+{
+    const po_layout l = layout(p, N);
+    void *const all = malloc(l.bytes + more + 64);
     if (!all) return NULL;
-    memset(all, 0, bytes);
-    char *left = (char *)(((uintptr_t)all + 63) / 64 * 64);
-    m->b = carve(&left, stride * p->count);
-    m->at = carve(&left, 4 * p->n_slots);
-    m->k = carve(&left, 8 * k);
-    m->x = carve(&left, 8 * moving);
-    m->sum = carve(&left, 8 * moving);
-    m->kept = carve(&left, 8 * LENGTHS * w);
-    m->bx = carve(&left, 8 * blocks);
-    m->ba = carve(&left, 8 * blocks);
-    m->bn = carve(&left, 8 * 5 * blocks);
-    m->X = carve(&left, 64 * N * moving);
-    m->SUM = carve(&left, 64 * N * moving);
-    m->K = carve(&left, 64 * N * LENGTHS * w);
-    m->BX = carve(&left, 64 * N * blocks);
-    m->BA = carve(&left, 64 * N * blocks);
-    m->BN = carve(&left, 64 * N * 5 * blocks);
-    m->clock = carve(&left, 64 * N);
-    for (int64_t i = 0; i < p->n_slots; ++i) m->at[i] = p->slots[i] * stride;
+    memset(all, 0, l.bytes + 64);
+    char *const b = (char *)(((uintptr_t)all + 63) / 64 * 64);
+    *m = (po_memory){
+        b + l.b, (int *)(b + l.at), (double *)(b + l.k), (double *)(b + l.x),
+        (double *)(b + l.sum), (double *)(b + l.kept), (double *)(b + l.bx), (double *)(b + l.ba),
+        (double *)(b + l.bn), (double *)(b + l.instant), (po_row *)(b + l.X),
+        (po_row *)(b + l.SUM), (po_row *)(b + l.K), (po_row *)(b + l.BX), (po_row *)(b + l.BA),
+        (po_row *)(b + l.BN), (po_row *)(b + l.clock),
+    };
+    for (int64_t i = 0; i < p->n_slots; ++i) m->at[i] = p->slots[i] * STRIDE(N);
     return all;
 }
 
@@ -194,7 +225,7 @@ int po_start(const po_plan *const p, const double *T, const double *U, const dou
     PO_FLUSH
     const long N = (D + 7) / 8;
     po_memory memory, *const m = &memory;
-    void *const all = make(p, m, N);
+    void *const all = make(p, m, N, 0);
     if (!all) return 1;
     begin(p, m, P, MOVES, D, N);
     *number(m, p->time, N) = *T;
@@ -220,7 +251,7 @@ int po_slopes(const po_plan *const p, const double T, const double U, const doub
     PO_FLUSH
     const long n = p->states, N = A ? (n + 7) / 8 : 0;
     po_memory memory, *const m = &memory;
-    void *const all = make(p, m, N);
+    void *const all = make(p, m, N, 0);
     if (!all) return 1;
     begin(p, m, P, NULL, 0, N);
     memset(L, 0, sizeof(double) * n * n);
@@ -272,6 +303,7 @@ typedef struct {
     double *X, *S, *Y, *J, *XO;
     const double *M;
     double most;
+    const po_code *code;
 } po_wanted;
 
 /* Where the instant's own numbers are, a share of a sub-step after its beginning. */
@@ -305,8 +337,6 @@ INLINE void weighed(const po_block *const b, const double *const W, const po_row
         ROWS all[g] += w * OF[N * j + g] + x * WR[N * (first + j) + g];
     }
 }
-
-enum { HALF, HALF_INPUT, WHOLE, FIRST, MIDDLE, LAST };
 
 /* The blocks' rates at stage s, less what their matrix takes over; before any state is moved. */
 INLINE void block_rates(const po_plan *const p, const po_memory *const m, const int s,
@@ -438,6 +468,34 @@ INLINE void move(const po_plan *const p, const po_memory *const m, const int s, 
     }
 }
 
+/* Where machine code finds what the slots do not hold: the length of the sub-step, and derivatives by
+   the delay of that, of time, drive and channels; which groups of directions move the clock. */
+typedef struct { int64_t h, hT, late, clock; uint64_t clocks; } po_instant_places;
+
+#include "machine.h"
+
+/* D numbers of a row. */
+INLINE void copied(double *const to, const po_row *const from, const long D)
+{
+    typedef double four __attribute__((vector_size(32), aligned(8)));
+    long d = 0;
+    for (; d + 4 <= D; d += 4) *(four *)(to + d) = *(const four *)((const double *)from + d);
+    for (; d < D; ++d) to[d] = ((const double *)from)[d];
+}
+
+/* The instant's numbers for machine code. */
+INLINE void place_machine(const po_plan *const p, const po_memory *const m,
+                          const po_instant *const at, const int delayed, const long N)
+{
+    *number(m, p->time, N) = at->t;
+    *number(m, p->drive, N) = at->u;
+    for (int64_t i = 0; i < p->channels; ++i) *number(m, p->channel + i, N) = at->c[i];
+    if (!delayed) return;
+    m->instant[2] = at->tT;
+    m->instant[3] = at->uT;
+    for (int64_t i = 0; i < p->channels; ++i) m->instant[4 + i] = at->cT[i];
+}
+
 INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
                  const po_segments *const s, const po_wanted *const to, const int delayed,
                  const long N)
@@ -447,6 +505,7 @@ INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
     int known = 0, next = 0, at = 0;
     double *W = m->kept;
     po_row *WR = m->K;
+    const po_code *const code = to->code;
 
     prepare(p, m, p->once, N);
     evaluate(p, m, p->once, N);
@@ -454,6 +513,7 @@ INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
     prepare(p, m, p->stage, N);
     prepare(p, m, p->reading, N);
     prepare(p, m, p->jump, N);
+    const int reads = p->reading.count > 0;
     for (long j = 0; j < n; ++j) {
         const int cuts = s->NSUB[j];
         const double h = cuts > 0 ? s->H[j] / cuts : 0.0;
@@ -494,21 +554,28 @@ INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
             for (int64_t a = 0; a < nc; ++a) cT[a] = s->CT[j * nc + a];
         }
         *number(m, p->slope, N) = i.du;
+        m->instant[0] = h;
+        m->instant[1] = hT;
         for (int cut = 0; cut < cuts; ++cut) {
 #define STAGE(s, past, pastT)                                                                      \
     place(p, m, &i, past, pastT, delayed, N);                                                      \
     evaluate(p, m, p->stage, N);                                                                   \
     block_rates(p, m, s, N);                                                                       \
     move(p, m, s, h, hT, delayed, N);
-            STAGE(0, 0.0, 0.0)
-            block_stages(p, m, W, WR, 0, N);
-            STAGE(1, 0.5 * h, 0.5 * hT)
-            block_stages(p, m, W, WR, 1, N);
-            STAGE(2, 0.5 * h, 0.5 * hT)
-            block_stages(p, m, W, WR, 2, N);
-            STAGE(3, h, hT)
-            block_ends(p, m, W, WR, N);
-            if (p->n_jumping) {
+            if (code) {
+                place_machine(p, m, &i, delayed, N);
+                code->step(m->b, W, WR);
+            } else {
+                STAGE(0, 0.0, 0.0)
+                block_stages(p, m, W, WR, 0, N);
+                STAGE(1, 0.5 * h, 0.5 * hT)
+                block_stages(p, m, W, WR, 1, N);
+                STAGE(2, 0.5 * h, 0.5 * hT)
+                block_stages(p, m, W, WR, 2, N);
+                STAGE(3, h, hT)
+                block_ends(p, m, W, WR, N);
+            }
+            if (p->n_jumping && !code) {
                 double became[p->n_jumping];
                 po_row BECAME[N * p->n_jumping + 1];
                 evaluate(p, m, p->jump, N);
@@ -532,10 +599,15 @@ INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
         }
         const long k = s->OBS[j];
         if (k < 0) continue;
-        place(p, m, &i, 0.0, 0.0, delayed, N);
-        evaluate(p, m, p->reading, N);
+        if (code && reads) {
+            place_machine(p, m, &i, delayed, N);
+            code->reading(m->b, W, WR);
+        } else if (reads) {
+            place(p, m, &i, 0.0, 0.0, delayed, N);
+            evaluate(p, m, p->reading, N);
+        }
         const double y = to->Y[k] = *number(m, p->read, N);
-        if (N) memcpy(to->J + k * to->D, rows(m, p->read, N), to->D * sizeof(double));
+        if (N) copied(to->J + k * to->D, rows(m, p->read, N), to->D);
         if (to->M && to->M[k] == to->M[k]) {
             squares += (y - to->M[k]) * (y - to->M[k]);
             if (!(squares <= to->most)) return;
@@ -563,7 +635,7 @@ int po_run(const po_plan *const p, const long n, const po_segments *const s,
     PO_FLUSH
     const long D = to->D, N = (D + 7) / 8;
     po_memory memory, *const m = &memory;
-    void *const all = make(p, m, N);
+    void *const all = make(p, m, N, to->code ? to->code->spills : 0);
     if (!all) return 1;
     begin(p, m, to->P, to->MOVES, D, N);
     for (int64_t a = 0; a < p->states; ++a) {
@@ -572,7 +644,8 @@ int po_run(const po_plan *const p, const long n, const po_segments *const s,
     }
     if (to->CLOCKS) for (long d = 0; d < D; ++d) ((double *)m->clock)[d] = to->CLOCKS[d];
     const int delayed = to->CLOCKS && N;
-    if (N == 0) walk(p, m, n, s, to, 0, 0);
+    if (to->code) walk(p, m, n, s, to, delayed, N);
+    else if (N == 0) walk(p, m, n, s, to, 0, 0);
     else if (delayed) walk(p, m, n, s, to, 1, N);
     else if (N == 1) walk(p, m, n, s, to, 0, 1);
     else if (N == 2) walk(p, m, n, s, to, 0, 2);

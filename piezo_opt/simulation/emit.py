@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Final, final
 
 import casadi as ca
 
@@ -17,7 +17,7 @@ from piezo_opt.simulation.instructions import Instruction, fused, instructions, 
 from piezo_opt.simulation.quick import Quick
 from piezo_opt.simulation.tangents import Carried, Lanes, Tangents
 
-_BINARY = {
+BINARY: Final = {
     ca.OP_ADD: "({0} + {1})",
     ca.OP_SUB: "({0} - {1})",
     ca.OP_MUL: "({0} * {1})",
@@ -40,7 +40,7 @@ _BINARY = {
     ca.OP_COPYSIGN: "copysign({0}, {1})",
     ca.OP_HYPOT: "hypot({0}, {1})",
 }
-_UNARY = {
+UNARY: Final = {
     ca.OP_ASSIGN: "{0}",
     ca.OP_NEG: "(-{0})",
     ca.OP_SQ: "({0} * {0})",
@@ -132,10 +132,10 @@ def emit(
             text[k] = f"{names[one.place[0]]}_{one.place[1]}"
             along.of_input(k, one.place)
         elif one.op == ca.OP_CONST:
-            text[k] = _number(one.constant)
+            text[k] = number(one.constant)
             along.of_constant(k)
         else:
-            pattern = _BINARY.get(one.op) or _UNARY.get(one.op)
+            pattern = BINARY.get(one.op) or UNARY.get(one.op)
             if pattern is None:
                 raise NotImplementedError(f"CasADi operation {one.op} has no C text in {__name__}.")
             text[k] = f"{prefix}{k}"
@@ -172,7 +172,7 @@ def _needed(program: Mapping[int, Instruction], output: int) -> set[int]:
     return found
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
     text = repr(float(value))
     mapping: Mapping[str, str] = {"inf": "INFINITY", "-inf": "(-INFINITY)", "nan": "NAN"}
     if text in mapping:

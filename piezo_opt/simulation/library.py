@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+import platform
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -33,15 +34,21 @@ from piezo_opt.simulation.powers import POWERS
 from piezo_opt.symbolic import one_at_a_time
 
 WRITERS: Final = (
-    "core.h", "core.c", "exponential.py", "forms.py", "functions.py", "instructions.py", "quick.py",
-    "emit.py", "powers.py", "library.py",
+    "core.h", "core.c", "machine.h", "exponential.py", "forms.py", "functions.py",
+    "instructions.py", "emit.py", "powers.py", "library.py",
 )  # fmt: skip
 """Files of this folder that a library follows from."""
 _TEXT: Final = 60_000
 """Letters of one text: some tenths of a second of a compiler."""
 
-Address = tuple[int, int]
-"""Of a function's preparation and of the function."""
+MACHINE: Final = platform.machine() in ("x86_64", "AMD64") and sys.platform != "win32"
+"""Whether machine code can be made of whole sub-steps (see machine.h)."""
+_EFFORT: Final = ("-O1",) if MACHINE else ()
+"""The functions themselves are called but once a run then, and half of the compiler's time is
+saved."""
+
+Address = tuple[int, int, int]
+"""Of a function's preparation, of the function, and of its words."""
 
 
 @final
@@ -81,9 +88,12 @@ class Library:
 
     def address(self, symbol: str) -> tuple[Address, Address]:
         """Where a function is."""
-        pair = ctypes.c_void_p * 2
-        plain, moved = (pair.in_dll(self.loaded, f"{symbol}_{end}_f") for end in "pm")
-        return (plain[0] or 0, plain[1] or 0), (moved[0] or 0, moved[1] or 0)
+        three = ctypes.c_void_p * 3
+        plain, moved = (three.in_dll(self.loaded, f"{symbol}_{end}_f") for end in "pm")
+        return (
+            (plain[0] or 0, plain[1] or 0, plain[2] or 0),
+            (moved[0] or 0, moved[1] or 0, moved[2] or 0),
+        )
 
 
 def catalogue() -> Library | None:
@@ -94,7 +104,7 @@ def catalogue() -> Library | None:
 
 @cache
 def _catalogue_of(_compiler: str) -> Library | None:
-    loaded = load(_origin(), _write_catalogue, _Progress().say)
+    loaded = load(_origin(), _write_catalogue, _Progress().say, _EFFORT)
     return None if loaded is None else Library(loaded)
 
 
@@ -127,7 +137,7 @@ def functions_of(effect: Effect, runtime: frozenset[str]) -> Functions | None:
 def _own(form: Effect, runtime: frozenset[str]) -> Library | None:
     """A small library of one form."""
     text = _texts({"own": (form, runtime)}, {})
-    loaded = load("".join(text.values()), lambda _: text)
+    loaded = load("".join(text.values()), lambda _: text, flags=_EFFORT)
     return None if loaded is None else Library(loaded)
 
 
@@ -180,13 +190,14 @@ def _texts(
             pieces.append(text)
             parts[kind] = replace(form.parts[kind], symbol=symbol, kept=kept)
         told[key] = _told(replace(form, parts=parts))
-    pieces += [c_functions(symbol, function)[0] for symbol, function in shared.items()]
+    pieces += [c_functions(symbol, function, False)[0] for symbol, function in shared.items()]
     head = _file("core.h") + POWERS
     units = {f"unit_{i}.c": '#include "head.h"\n' + text for i, text in enumerate(_packed(pieces))}
     known = json.dumps(json.dumps(told, separators=(",", ":")))
     units["forms.c"] = f"const char po_forms[] = {known};\n"
     if shared:
         units["core.c"] = _file("core.c")
+        units["machine.h"] = _file("machine.h")
     return {"core.h": _file("core.h"), "head.h": head, **dict(sorted(units.items()))}
 
 

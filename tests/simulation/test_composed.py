@@ -43,6 +43,7 @@ from piezo_opt.simulation.composed import ComposedEngine, program
 from piezo_opt.simulation.dynamics import Whole
 from piezo_opt.simulation.engine import VirtualMachine, engine
 from piezo_opt.simulation.exponential import linear_part
+from piezo_opt.simulation.library import MACHINE
 from piezo_opt.simulation.runs import Run
 from piezo_opt.simulation.schedule import Segment, corners, segments
 from piezo_opt.simulation.scheme import scheme
@@ -129,21 +130,35 @@ def time_axis(system: System, p: FloatArray) -> Segment:
 def compared(
     model: Model, values: Mapping[str, float], *, exact: bool, runtime: Sequence[str] = ()
 ) -> None:
-    """Compare the composed model and the whole expressions, with all directions."""
+    """Compare the composed model, as machine code and function by function, and the whole
+    expressions, with all directions."""
     system = named(model, folded(model, runtime))
     directions = (*system.parameter_names, *(INITIAL + n for n in system.state_names))
     p = np.array([values[name] for name in system.parameter_names])
     axis = time_axis(system, p)
-    composed = engine(system, directions, exact=exact)
-    assert isinstance(composed, ComposedEngine)
+    made = program(system, exact)
+    assert made is not None
+    assert isinstance(engine(system, directions, exact=exact), ComposedEngine)
     whole = VirtualMachine(scheme(system, directions, exact))
     unmoved = np.zeros(len(system.state_names))
-    (x, s), (x_whole, s_whole) = (e.start(axis, p, unmoved) for e in (composed, whole))
-    np.testing.assert_allclose(x, x_whole, rtol=1e-12, atol=1e-20)
-    np.testing.assert_allclose(s, s_whole, rtol=1e-9, atol=1e-20)
+    x_whole, s_whole = whole.start(axis, p, unmoved)
     cut = Substeps(2.5e-5, 1e3, exact=exact).of(axis)
-    one, other = (e.run(axis, cut, p, x_whole, s_whole, states=True) for e in (composed, whole))
-    same(model, directions, one, other)
+    other = whole.run(axis, cut, p, x_whole, s_whole, states=True)
+    for machine in (True, False):
+        composed = ComposedEngine(made, directions, machine)
+        x, s = composed.start(axis, p, unmoved)
+        np.testing.assert_allclose(x, x_whole, rtol=1e-12, atol=1e-20)
+        np.testing.assert_allclose(s, s_whole, rtol=1e-9, atol=1e-20)
+        assert (composed._code(s) is not None) == (machine and MACHINE)
+        one = composed.run(axis, cut, p, x_whole, s_whole, states=True)
+        same(model, directions, one, other)
+        # Without derivatives the list of instructions is another one.
+        plain = ComposedEngine(made, (), machine)
+        none = np.zeros((len(system.state_names), 0))
+        alone = plain.run(axis, cut, p, x_whole, none)
+        np.testing.assert_allclose(
+            alone.reading, other.reading, rtol=0, atol=READING * np.ptp(other.reading)
+        )
 
 
 def close(found: FloatArray, expected: FloatArray, share: float, sizes: FloatArray) -> None:

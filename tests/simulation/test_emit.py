@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from piezo_opt.simulation.compiler import find_compiler, load
-from piezo_opt.simulation.emit import _BINARY, _UNARY, emit
+from piezo_opt.simulation.emit import BINARY, UNARY, emit
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="compiles C: no compiler")
 
@@ -30,7 +30,7 @@ def _points(op: int) -> list[tuple[float, float]]:
         return [(1.1, 0.0), (3.0, 0.0)]
     if op in _INSIDE:
         return [(-0.9, 0.0), (0.0, 0.0), (1e-12, 0.0), (0.4, 0.0)]
-    if op in _UNARY:
+    if op in UNARY:
         return [(x, 0.0) for x in (-2.5, -0.3, 0.3, 1.0, 2.5)]
     # a/0 and fmod(a, 0) are not numbers; powers of negative numbers neither.
     pairs = [p for p in _PAIRS if p[1] != 0.0 or op not in (ca.OP_DIV, ca.OP_FMOD)]
@@ -42,11 +42,11 @@ def _points(op: int) -> list[tuple[float, float]]:
 def test_every_operation_equals_casadis() -> None:
     lines = ["#include <math.h>"]
     functions: dict[int, ca.Function] = {}
-    for op in (*_BINARY, *_UNARY):
+    for op in (*BINARY, *UNARY):
         x, y = ca.SX.sym("x"), ca.SX.sym("y")
         # The power with a constant exponent arises where the exponent is a number.
         given = ca.SX(2.7) if op == ca.OP_CONSTPOW else y
-        said = ca.SX.binary(op, x, given) if op in _BINARY else ca.SX.unary(op, x)
+        said = ca.SX.binary(op, x, given) if op in BINARY else ca.SX.unary(op, x)
         function = ca.Function(f"f{op}", [x, y], [said])
         present = {function.instruction_id(k) for k in range(function.n_instructions())}
         # Assignment is the one that CasADi never keeps.

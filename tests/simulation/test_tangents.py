@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from piezo_opt.simulation.compiler import find_compiler, load
-from piezo_opt.simulation.emit import _BINARY, _UNARY, emit
+from piezo_opt.simulation.emit import BINARY, UNARY, emit
 from piezo_opt.simulation.tangents import _SLOPES, TYPES, Carried, Lanes, Tangents
 from tests.simulation.test_emit import _points
 
@@ -41,10 +41,10 @@ def test_the_tangent_of_every_operation_is_casadis_derivative(directions: int) -
     lanes = Lanes.of([(False,)] * directions)
     lines = ["#include <math.h>", TYPES]
     slopes: dict[int, ca.Function] = {}
-    for op in (*_BINARY, *_UNARY):
+    for op in (*BINARY, *UNARY):
         x, y = ca.SX.sym("x"), ca.SX.sym("y")
         given = ca.SX(2.7) if op == ca.OP_CONSTPOW else y
-        said = ca.SX.binary(op, x, given) if op in _BINARY else ca.SX.unary(op, x)
+        said = ca.SX.binary(op, x, given) if op in BINARY else ca.SX.unary(op, x)
         function = ca.Function(f"f{op}", [x, y], [said])
         tangents = _seeded(lanes, along_x, along_y)
         block = emit(function, ["x", "y"], [0, 0], "a", 1, tangents)
@@ -72,7 +72,7 @@ def test_the_tangent_of_every_operation_is_casadis_derivative(directions: int) -
 
 
 def test_every_operation_has_a_slope_or_is_a_step() -> None:
-    assert set(_SLOPES) | _STEPS == set(_BINARY) | set(_UNARY)
+    assert set(_SLOPES) | _STEPS == set(BINARY) | set(UNARY)
     assert not set(_SLOPES) & _STEPS
 
 

@@ -1,0 +1,1074 @@
+/* Machine code for the sub-step of a composed model, made when the model is run first.
+ *
+ * The words of all operations of the four stages are put one behind the other as one list of
+ * instructions in which every result has one number: what two stages share is computed once, what
+ * nobody needs is left out, rows of derivatives are computed in those groups of four directions in
+ * which they are not zero, and products are joined with the sum that follows. The list is
+ * translated one by one. Every value is a register of four numbers, a plain number four times the
+ * same one. Registers are given away by the next use of what they hold (Belady 1966, IBM Systems
+ * Journal 5(2), 78-101), which a list without branches tells exactly.
+ *
+ * It takes some tens of microseconds. Processors without AVX2 and other systems than those of the
+ * System V ABI use the functions themselves, to the same numbers but for rounding.
+ */
+#if defined(__x86_64__) && !defined(_WIN32)
+#include <sys/mman.h>
+#define PO_MACHINE 1
+
+enum {
+    M_LOAD, M_ROW, M_CONSTANT, M_ADD, M_SUB, M_MUL, M_DIV, M_MIN, M_MAX, M_AND, M_CLEAR, M_FLIP,
+    M_ROOT, M_COMPARE, M_JOIN, M_LESS_JOIN, M_JOIN_LESS, M_CALL, M_POWER, M_STORE, M_STORE_ROW
+};
+enum { AT_SLOTS = 3, AT_WEIGHTS = 5, AT_WEIGHT_ROWS = 14, AT_CONSTANTS = -1 }; /* registers */
+enum { NOTHING = -1, UNKNOWN = -2, NEVER = 1 << 30, MOST = 40000, REGISTERS = 16 };
+
+/* One instruction, whose number is that of its result: c + a b is a join. */
+typedef struct {
+    int op, detail, in[3], place; /* detail: kind of comparison, or base register */
+    union { double number; po_any *called; } by;
+} po_instruction;
+
+typedef struct {
+    po_instruction *list;
+    int count, room, *table, width; /* table of the numbers by a hash of what they say */
+    int failed;
+} po_trace;
+
+static unsigned hashed(const po_instruction *const one)
+{
+    const unsigned char *const bytes = (const unsigned char *)one;
+    unsigned found = 2166136261u;
+    for (unsigned i = 0; i < sizeof *one; i += 4) {
+        unsigned part;
+        memcpy(&part, bytes + i, 4);
+        found = (found ^ part) * 16777619u;
+        found ^= found >> 13;
+    }
+    return found;
+}
+
+static int *sought(const po_trace *const t, const po_instruction *const one)
+{
+    unsigned at = hashed(one) & (t->width - 1);
+    while (t->table[at] != NOTHING && memcmp(t->list + t->table[at], one, sizeof *one))
+        at = (at + 1) & (t->width - 1);
+    return t->table + at;
+}
+
+static int said(po_trace *const t, const po_instruction one)
+{
+    int *const known = one.op < M_STORE ? sought(t, &one) : NULL;
+    if (known && *known != NOTHING) return *known;
+    if (t->count == t->room) {
+        t->failed = 1;
+        return 0;
+    }
+    if (known) *known = t->count;
+    t->list[t->count] = one;
+    return t->count++;
+}
+
+static po_instruction plain(const int op, const int a, const int b, const int c)
+{
+    po_instruction one;
+    memset(&one, 0, sizeof one);
+    one.op = op;
+    one.in[0] = a, one.in[1] = b, one.in[2] = c;
+    return one;
+}
+
+static int loaded(po_trace *const t, const int op, const int base, const int64_t place)
+{
+    po_instruction one = plain(op, NOTHING, NOTHING, NOTHING);
+    one.detail = base;
+    one.place = (int)place;
+    return said(t, one);
+}
+
+static int constant(po_trace *const t, const double number)
+{
+    po_instruction one = plain(M_CONSTANT, NOTHING, NOTHING, NOTHING);
+    one.by.number = number;
+    return said(t, one);
+}
+
+static int is(const po_trace *const t, const int k, const double number)
+{
+    return t->list[k].op == M_CONSTANT && t->list[k].by.number == number;
+}
+
+/* Whether a value is another one with the other sign, and which. */
+static int turned(const po_trace *const t, const int k)
+{
+    return t->list[k].op == M_FLIP ? t->list[k].in[1] : NOTHING;
+}
+
+static int minus(po_trace *const t, const int a)
+{
+    if (turned(t, a) != NOTHING) return turned(t, a);
+    if (t->list[a].op == M_CONSTANT) return constant(t, -t->list[a].by.number);
+    return said(t, plain(M_FLIP, constant(t, -0.0), a, NOTHING));
+}
+
+static int sum(po_trace *const t, const int a, const int b)
+{
+    if (is(t, a, 0.0)) return b;
+    if (is(t, b, 0.0)) return a;
+    if (turned(t, b) != NOTHING) return said(t, plain(M_SUB, a, turned(t, b), NOTHING));
+    if (turned(t, a) != NOTHING) return said(t, plain(M_SUB, b, turned(t, a), NOTHING));
+    return said(t, plain(M_ADD, a < b ? a : b, a < b ? b : a, NOTHING));
+}
+
+static int difference(po_trace *const t, const int a, const int b)
+{
+    if (is(t, b, 0.0)) return a;
+    if (is(t, a, 0.0)) return minus(t, b);
+    if (turned(t, b) != NOTHING) return sum(t, a, turned(t, b));
+    return said(t, plain(M_SUB, a, b, NOTHING));
+}
+
+static int product(po_trace *const t, const int a, const int b)
+{
+    if (is(t, a, 1.0)) return b;
+    if (is(t, b, 1.0)) return a;
+    if (is(t, a, -1.0)) return minus(t, b);
+    if (is(t, b, -1.0)) return minus(t, a);
+    if (t->list[a].op == M_CONSTANT && t->list[b].op == M_CONSTANT)
+        return constant(t, t->list[a].by.number * t->list[b].by.number);
+    return said(t, plain(M_MUL, a < b ? a : b, a < b ? b : a, NOTHING));
+}
+
+/* all + by * row, where no row is none. */
+static int along(po_trace *const t, const int all, const int by, const int row)
+{
+    if (row == NOTHING || is(t, by, 0.0)) return all;
+    if (all == NOTHING) return product(t, by, row);
+    if (is(t, by, 1.0)) return sum(t, all, row);
+    if (is(t, by, -1.0)) return difference(t, all, row);
+    if (turned(t, by) != NOTHING) return said(t, plain(M_LESS_JOIN, turned(t, by), row, all));
+    return said(t, plain(M_JOIN, by, row, all));
+}
+
+static int compared(po_trace *const t, const int kind, const int a, const int b)
+{
+    po_instruction one = plain(M_COMPARE, a, b, NOTHING);
+    one.detail = kind;
+    return said(t, one);
+}
+
+enum { LESS = 0x11, AT_MOST = 0x12, EQUAL = 0x00, UNEQUAL = 0x04, MORE = 0x1e };
+
+/* One where bits are set. */
+static int truth(po_trace *const t, const int mask)
+{
+    return said(t, plain(M_AND, mask, constant(t, 1.0), NOTHING));
+}
+
+/* All bits set where a number is not zero. */
+static int mask_of(po_trace *const t, const int a)
+{
+    const po_instruction *const one = t->list + a;
+    if (one->op == M_AND && is(t, one->in[1], 1.0)) return one->in[0];
+    return compared(t, UNEQUAL, a, constant(t, 0.0));
+}
+
+/* What the numbers of the instants are while the list is written: of each slot the number and its
+   rows, unknown until they are asked for. */
+typedef struct {
+    po_trace trace;
+    const po_plan *plan;
+    const uint64_t *groups; /* of each slot: where its rows may be other than zero */
+    int *number, *row, many; /* many: groups of four directions */
+    int64_t stride, kept;
+    int moved;
+} po_writer;
+
+static int number_of(po_writer *const w, const int64_t slot)
+{
+    if (w->number[slot] == UNKNOWN) {
+        const po_plan *const p = w->plan;
+        for (int64_t i = 0; i < p->n_constants; ++i)
+            if (p->constants[i] == slot)
+                return w->number[slot] = constant(&w->trace, p->constant[i]);
+        w->number[slot] = loaded(&w->trace, M_LOAD, AT_SLOTS, slot * w->stride);
+    }
+    return w->number[slot];
+}
+
+static int row_of(po_writer *const w, const int64_t slot, const int g)
+{
+    int *const known = w->row + slot * w->many + g;
+    if (*known == UNKNOWN)
+        *known = w->groups[slot] >> g & 1
+            ? loaded(&w->trace, M_ROW, AT_SLOTS, slot * w->stride + 64 + 32 * g) : NOTHING;
+    return *known;
+}
+
+static void set(po_writer *const w, const int64_t slot, const int number)
+{
+    w->number[slot] = number;
+    for (int g = 0; g < w->many; ++g) w->row[slot * w->many + g] = NOTHING;
+}
+
+static int *rows_at(po_writer *const w, const int64_t slot) { return w->row + slot * w->many; }
+
+static po_evaluate *const SUMS[] = {po_sum_1, po_sum_2, po_sum_3, po_sum_4};
+
+/* Number of terms of an operation that is a sum, or 0. */
+static int terms_of(const po_operation *const o)
+{
+    for (int k = 0; k < 4; ++k) if (o->plain == SUMS[k]) return k + 1;
+    return 0;
+}
+
+static void write_words(po_writer *const w, const po_operation *const o)
+{
+    po_trace *const t = &w->trace;
+    const int *const A = w->plan->slots + o->at;
+    const po_word *const words = w->moved ? o->words_moved : o->words_plain;
+    const int64_t kept = w->kept + 8 * (w->moved ? o->kept_moved : o->kept_plain);
+    const int inputs = (int)o->inputs;
+    int count = 0;
+    while (words[count].word != PO_END) ++count;
+    int *const v = malloc(sizeof(int) * (count + 1));
+    if (!v) {
+        t->failed = 1;
+        return;
+    }
+    for (int k = 0; k < count; ++k) {
+        const po_word *const one = words + k;
+        const int a = one->word > PO_KEPT && one->word < PO_END ? v[one->a] : 0;
+        const int b = one->word >= PO_ADD && one->word < PO_END && one->b <= k ? v[one->b] : 0;
+        po_instruction call = plain(M_CALL, a, NOTHING, NOTHING);
+        call.by.called = one->called;
+        switch (one->word) {
+        case PO_CONSTANT: v[k] = constant(t, one->number); break;
+        case PO_READ: v[k] = number_of(w, A[one->a]); break;
+        case PO_KEPT: v[k] = loaded(t, M_LOAD, AT_SLOTS, kept + 8 * one->a); break;
+        case PO_SAME: v[k] = a; break;
+        case PO_ADD: v[k] = sum(t, a, b); break;
+        case PO_SUB: v[k] = difference(t, a, b); break;
+        case PO_MUL: v[k] = product(t, a, b); break;
+        case PO_DIV: v[k] = said(t, plain(M_DIV, a, b, NOTHING)); break;
+        case PO_MIN: v[k] = said(t, plain(M_MIN, a, b, NOTHING)); break;
+        case PO_MAX: v[k] = said(t, plain(M_MAX, a, b, NOTHING)); break;
+        case PO_LESS: v[k] = truth(t, compared(t, LESS, a, b)); break;
+        case PO_AT_MOST: v[k] = truth(t, compared(t, AT_MOST, a, b)); break;
+        case PO_EQUAL: v[k] = truth(t, compared(t, EQUAL, a, b)); break;
+        case PO_UNEQUAL: v[k] = truth(t, compared(t, UNEQUAL, a, b)); break;
+        case PO_AND:
+            v[k] = said(t, plain(M_AND, mask_of(t, a), truth(t, mask_of(t, b)), NOTHING));
+            break;
+        case PO_OR:
+            v[k] = sum(t, truth(t, mask_of(t, a)),
+                       said(t, plain(M_CLEAR, mask_of(t, a), truth(t, mask_of(t, b)), NOTHING)));
+            break;
+        case PO_NOT: v[k] = truth(t, compared(t, EQUAL, a, constant(t, 0.0))); break;
+        case PO_WHERE: v[k] = said(t, plain(M_AND, mask_of(t, a), b, NOTHING)); break;
+        case PO_MINUS: v[k] = minus(t, a); break;
+        case PO_SQUARE: v[k] = product(t, a, a); break;
+        case PO_TWICE: v[k] = said(t, plain(M_ADD, a, a, NOTHING)); break;
+        case PO_INVERSE: v[k] = said(t, plain(M_DIV, constant(t, 1.0), a, NOTHING)); break;
+        case PO_ROOT: v[k] = said(t, plain(M_ROOT, a, NOTHING, NOTHING)); break;
+        case PO_SIZE: v[k] = said(t, plain(M_CLEAR, constant(t, -0.0), a, NOTHING)); break;
+        case PO_SIGN: {
+            const int zero = constant(t, 0.0);
+            v[k] = difference(t, truth(t, compared(t, MORE, a, zero)),
+                              truth(t, compared(t, LESS, a, zero)));
+            break;
+        }
+        case PO_POWER:
+            call.op = M_POWER;
+            call.place = (int)(kept + 8 * one->b);
+            v[k] = said(t, call);
+            break;
+        case PO_CALL: v[k] = said(t, call); break;
+        case PO_CALL_TWO: call.in[1] = b; v[k] = said(t, call); break;
+        case PO_OUTPUT: v[k] = a; break;
+        case PO_SLOPE: v[k] = a; break;
+        }
+    }
+    for (int k = 0; k < count; ++k)
+        if (words[k].word == PO_OUTPUT) set(w, A[inputs + words[k].b], v[k]);
+    for (int k = 0; k < count; ++k) {
+        if (words[k].word != PO_SLOPE) continue;
+        const int64_t out = A[inputs + (int)words[k].number];
+        for (int g = 0; g < w->many; ++g)
+            rows_at(w, out)[g] = along(t, rows_at(w, out)[g], v[k], row_of(w, A[words[k].b], g));
+    }
+    free(v);
+}
+
+static void write_list(po_writer *const w, const po_list list)
+{
+    const po_plan *const p = w->plan;
+    po_trace *const t = &w->trace;
+    for (const po_operation *o = p->operations + list.first, *end = o + list.count; o < end; ++o) {
+        const int *const A = p->slots + o->at;
+        const int terms = terms_of(o);
+        if (terms) {
+            int all = constant(t, 0.0), by[4];
+            for (int k = 0; k < terms; ++k) {
+                by[k] = number_of(w, A[2 * k + 2]);
+                all = sum(t, all, product(t, by[k], number_of(w, A[2 * k + 1])));
+            }
+            set(w, A[0], all);
+            for (int g = 0; g < w->many; ++g)
+                for (int k = 0; k < terms; ++k)
+                    rows_at(w, A[0])[g] =
+                        along(t, rows_at(w, A[0])[g], by[k], row_of(w, A[2 * k + 1], g));
+        } else if (o->plain == po_product) {
+            const int a = number_of(w, A[0]), b = number_of(w, A[1]);
+            set(w, A[2], product(t, a, b));
+            for (int g = 0; g < w->many; ++g)
+                rows_at(w, A[2])[g] = along(
+                    t, along(t, NOTHING, b, row_of(w, A[0], g)), a, row_of(w, A[1], g));
+        } else if (o->plain == po_quotient) {
+            const int by = said(t, plain(M_DIV, constant(t, 1.0), number_of(w, A[1]), NOTHING));
+            const int q = product(t, number_of(w, A[0]), by), less = minus(t, product(t, q, by));
+            set(w, A[2], q);
+            for (int g = 0; g < w->many; ++g)
+                rows_at(w, A[2])[g] = along(
+                    t, along(t, NOTHING, by, row_of(w, A[0], g)), less, row_of(w, A[1], g));
+        } else if (o->words_plain) write_words(w, o);
+        else t->failed = 1;
+    }
+}
+
+/* Time, drive and channels a share of a sub-step after its beginning. */
+static void write_instant(po_writer *const w, const po_instant_places *const at, const double share)
+{
+    po_trace *const t = &w->trace;
+    const po_plan *const p = w->plan;
+    const int part = constant(t, share);
+    const int past = share ? product(t, part, loaded(t, M_LOAD, AT_SLOTS, at->h)) : part;
+    const int late = share ? product(t, part, loaded(t, M_LOAD, AT_SLOTS, at->hT)) : part;
+    for (int64_t i = -2; i < p->channels; ++i) {
+        const int64_t slot = i == -2 ? p->time : i == -1 ? p->drive : p->channel + i;
+        const int64_t by = i == -1 ? p->slope : p->channel_slope + i;
+        const int begun = loaded(t, M_LOAD, AT_SLOTS, slot * w->stride);
+        const int slope = i == -2 ? constant(t, 1.0) : number_of(w, by);
+        set(w, slot, share ? sum(t, begun, product(t, slope, past)) : begun);
+        for (int g = 0; g < w->many; ++g) {
+            if (!(at->clocks >> g & 1)) continue;
+            const int lag = loaded(t, M_LOAD, AT_SLOTS, at->late + 8 * (i + 2));
+            const int clock = loaded(t, M_ROW, AT_SLOTS, at->clock + 32 * g);
+            const int by = share ? sum(t, lag, product(t, slope, late)) : lag;
+            rows_at(w, slot)[g] = product(t, by, clock);
+        }
+    }
+}
+
+/* A value and its rows apart from any slot. */
+typedef struct { int number, row[64]; } po_value;
+
+static po_value value_of(po_writer *const w, const int64_t slot)
+{
+    po_value found = {number_of(w, slot), {0}};
+    for (int g = 0; g < w->many; ++g) found.row[g] = row_of(w, slot, g);
+    return found;
+}
+
+static po_value no_value(po_writer *const w)
+{
+    po_value found = {constant(&w->trace, 0.0), {0}};
+    for (int g = 0; g < w->many; ++g) found.row[g] = NOTHING;
+    return found;
+}
+
+static void put(po_writer *const w, const int64_t slot, const po_value *const of)
+{
+    w->number[slot] = of->number;
+    for (int g = 0; g < w->many; ++g) rows_at(w, slot)[g] = of->row[g];
+}
+
+/* to + by * of, by a number that no direction moves. */
+static po_value added(po_writer *const w, const po_value *const to, const int by,
+                      const po_value *const of)
+{
+    po_value found;
+    found.number = sum(&w->trace, to->number, product(&w->trace, by, of->number));
+    for (int g = 0; g < w->many; ++g) found.row[g] = along(&w->trace, to->row[g], by, of->row[g]);
+    return found;
+}
+
+/* to + a b. */
+static void add_product(po_writer *const w, po_value *const to, const po_value *const a,
+                        const po_value *const b, const double sign)
+{
+    po_trace *const t = &w->trace;
+    const int by_a = sign < 0 ? minus(t, a->number) : a->number;
+    const int by_b = sign < 0 ? minus(t, b->number) : b->number;
+    to->number = sum(t, to->number, product(t, by_a, b->number));
+    for (int g = 0; g < w->many; ++g)
+        to->row[g] = along(t, along(t, to->row[g], by_a, b->row[g]), by_b, a->row[g]);
+}
+
+static po_value weight_of(po_writer *const w, const int64_t k)
+{
+    po_value found = {loaded(&w->trace, M_LOAD, AT_WEIGHTS, 8 * k), {0}};
+    for (int g = 0; g < w->many; ++g)
+        found.row[g] = w->groups[w->plan->weights + k] >> g & 1
+            ? loaded(&w->trace, M_ROW, AT_WEIGHT_ROWS, 64 * k * ((w->many + 1) / 2) + 32 * g)
+            : NOTHING;
+    return found;
+}
+
+static void add_weighed(po_writer *const w, po_value *const to, const po_block *const b,
+                        const int which, const int e, const po_value *const of, const int skip)
+{
+    const int64_t first = b->weights + which * b->size * b->size + b->size * e;
+    for (int j = 0; j < b->size; ++j) {
+        if (skip && b->quiet[j]) continue;
+        const po_value by = weight_of(w, first + j);
+        add_product(w, to, &by, of + j, 1.0);
+    }
+}
+
+static void store(po_writer *const w, const int64_t slot)
+{
+    po_trace *const t = &w->trace;
+    po_instruction one = plain(M_STORE, number_of(w, slot), NOTHING, NOTHING);
+    one.detail = AT_SLOTS;
+    one.place = (int)(slot * w->stride);
+    const po_instruction *const from = t->list + one.in[0];
+    if (from->op != M_LOAD || from->detail != AT_SLOTS || from->place != one.place) said(t, one);
+    for (int g = 0; g < w->many; ++g) {
+        if (!(w->groups[slot] >> g & 1)) continue;
+        const int row = row_of(w, slot, g);
+        one = plain(M_STORE_ROW, row == NOTHING ? constant(t, 0.0) : row, NOTHING, NOTHING);
+        one.detail = AT_SLOTS;
+        one.place = (int)(slot * w->stride + 64 + 32 * g);
+        const po_instruction *const old = t->list + one.in[0];
+        if (old->op != M_ROW || old->detail != AT_SLOTS || old->place != one.place) said(t, one);
+    }
+}
+
+typedef struct { po_value begun[2], first[2], rate[4][2]; } po_block_values;
+
+static void write_blocks(po_writer *const w, po_block_values *const all, const int s)
+{
+    const po_plan *const p = w->plan;
+    const int less = constant(&w->trace, -1.0), one = constant(&w->trace, 1.0);
+    const int two = constant(&w->trace, 2.0);
+    const po_value none = no_value(w);
+    for (int64_t k = 0; k < p->n_blocks; ++k) {
+        const po_block *const b = p->blocks + k;
+        po_block_values *const v = all + k;
+        po_value next[2];
+        if (s < 3 && !b->followed) continue;
+        for (int e = 0; e < b->size; ++e) {
+            po_value *const to = next + e;
+            *to = none;
+            if (s < 2) {
+                add_weighed(w, to, b, HALF, e, v->begun, 0);
+                add_weighed(w, to, b, HALF_INPUT, e, v->rate[s], 1);
+            } else if (s == 2) {
+                po_value input[2];
+                for (int j = 0; j < b->size; ++j) {
+                    if (b->quiet[j]) continue;
+                    const po_value twice = added(w, &none, two, &v->rate[2][j]);
+                    input[j] = added(w, &twice, less, &v->rate[0][j]);
+                }
+                add_weighed(w, to, b, HALF, e, v->first, 0);
+                add_weighed(w, to, b, HALF_INPUT, e, input, 1);
+            } else {
+                po_value input[2];
+                for (int j = 0; j < b->size; ++j)
+                    if (!b->quiet[j]) input[j] = added(w, &v->rate[1][j], one, &v->rate[2][j]);
+                add_weighed(w, to, b, WHOLE, e, v->begun, 0);
+                add_weighed(w, to, b, FIRST, e, v->rate[0], 1);
+                add_weighed(w, to, b, MIDDLE, e, input, 1);
+                add_weighed(w, to, b, LAST, e, v->rate[3], 1);
+            }
+        }
+        for (int e = 0; e < b->size; ++e) {
+            if (s == 0) v->first[e] = next[e];
+            put(w, b->state[e], next + e);
+        }
+    }
+}
+
+static void write_step(po_writer *const w, const po_instant_places *const at)
+{
+    po_trace *const t = &w->trace;
+    const po_plan *const p = w->plan;
+    const double shares[] = {0.0, 0.5, 0.5, 1.0}, parts[] = {0.5, 0.5, 1.0, 1.0 / 6.0};
+    const int64_t n = p->n_moving;
+    po_value *const begun = malloc(sizeof(po_value) * (2 * n + 1)), *const all = begun + n;
+    po_value *const rate = malloc(sizeof(po_value) * (n + 1));
+    po_block_values *const blocks = malloc(sizeof(po_block_values) * (p->n_blocks + 1));
+    if (!begun || !rate || !blocks) t->failed = 1;
+    for (int s = 0; s < 4 && !t->failed; ++s) {
+        write_instant(w, at, shares[s]);
+        write_list(w, p->stage);
+        for (int64_t k = 0; k < p->n_blocks; ++k) {
+            const po_block *const b = p->blocks + k;
+            for (int i = 0; i < b->size; ++i) {
+                if (s == 0) blocks[k].begun[i] = value_of(w, b->state[i]);
+                if (b->quiet[i]) continue;
+                po_value found = value_of(w, b->rate[i]);
+                for (int j = 0; b->whole && j < b->size; ++j) {
+                    const po_value by = value_of(w, b->matrix[b->size * i + j]);
+                    const po_value of = value_of(w, b->state[j]);
+                    add_product(w, &found, &by, &of, -1.0);
+                }
+                blocks[k].rate[s][i] = found;
+            }
+        }
+        const int part = product(t, constant(t, parts[s]), loaded(t, M_LOAD, AT_SLOTS, at->h));
+        const int late = product(t, constant(t, parts[s]), loaded(t, M_LOAD, AT_SLOTS, at->hT));
+        for (int64_t a = 0; a < n; ++a) rate[a] = value_of(w, p->rates[a]);
+        for (int64_t a = 0; a < n; ++a) {
+            po_value way = rate[a];
+            if (s == 0) {
+                begun[a] = value_of(w, p->moving[a]);
+                all[a] = way;
+            } else if (s < 3) all[a] = added(w, all + a, constant(t, 2.0), &way);
+            else way = added(w, all + a, constant(t, 1.0), &way);
+            po_value next = added(w, begun + a, part, &way);
+            for (int g = 0; g < w->many; ++g)
+                if (at->clocks >> g & 1)
+                    next.row[g] = along(t, next.row[g], product(t, way.number, late),
+                                        loaded(t, M_ROW, AT_SLOTS, at->clock + 32 * g));
+            put(w, p->moving[a], &next);
+            if (s == 3 && !p->n_jumping) store(w, p->moving[a]);
+        }
+        write_blocks(w, blocks, s);
+    }
+    if (p->n_jumping && !t->failed) {
+        write_list(w, p->jump);
+        po_value *const became = malloc(sizeof(po_value) * p->n_jumping);
+        if (!became) t->failed = 1;
+        for (int64_t a = 0; became && a < p->n_jumping; ++a) became[a] = value_of(w, p->after[a]);
+        for (int64_t a = 0; became && a < p->n_jumping; ++a) put(w, p->jumping[a], became + a);
+        free(became);
+        for (int64_t a = 0; a < p->states && !t->failed; ++a) store(w, p->state + a);
+    }
+    for (int64_t k = 0; k < p->n_blocks && !p->n_jumping && !t->failed; ++k)
+        for (int i = 0; i < p->blocks[k].size; ++i) store(w, p->blocks[k].state[i]);
+    free(begun);
+    free(rate);
+    free(blocks);
+}
+
+static void write_reading(po_writer *const w, const po_instant_places *const at)
+{
+    const po_plan *const p = w->plan;
+    po_trace *const t = &w->trace;
+    for (int64_t i = -2; i < p->channels; ++i) {
+        const int64_t slot = i == -2 ? p->time : i == -1 ? p->drive : p->channel + i;
+        set(w, slot, loaded(t, M_LOAD, AT_SLOTS, slot * w->stride));
+        for (int g = 0; g < w->many; ++g)
+            if (at->clocks >> g & 1)
+                rows_at(w, slot)[g] = product(
+                    t, loaded(t, M_LOAD, AT_SLOTS, at->late + 8 * (i + 2)),
+                    loaded(t, M_ROW, AT_SLOTS, at->clock + 32 * g));
+    }
+    write_list(w, p->reading);
+    store(w, p->read);
+}
+
+/* Where rows may be other than zero; to a fixed point, because states follow one another. */
+static void spread(const po_plan *const p, const po_list list, uint64_t *const groups,
+                   const int moved, int *const changed)
+{
+    for (const po_operation *o = p->operations + list.first, *end = o + list.count; o < end; ++o) {
+        const int *const A = p->slots + o->at;
+        const int terms = terms_of(o);
+        uint64_t found = 0;
+        if (terms) {
+            for (int k = 0; k < terms; ++k) found |= groups[A[2 * k + 1]];
+            *changed |= (found & ~groups[A[0]]) != 0;
+            groups[A[0]] |= found;
+        } else if (o->plain == po_product || o->plain == po_quotient) {
+            found = groups[A[0]] | groups[A[1]];
+            *changed |= (found & ~groups[A[2]]) != 0;
+            groups[A[2]] |= found;
+        } else if (o->words_moved)
+            for (const po_word *one = o->words_moved; one->word != PO_END; ++one)
+                if (one->word == PO_SLOPE) {
+                    uint64_t *const to = groups + A[o->inputs + (int)one->number];
+                    *changed |= (groups[A[one->b]] & ~*to) != 0;
+                    *to |= groups[A[one->b]];
+                }
+    }
+}
+
+static void join(uint64_t *const to, const uint64_t more, int *const changed)
+{
+    *changed |= (more & ~*to) != 0;
+    *to |= more;
+}
+
+static void spread_all(const po_plan *const p, uint64_t *const groups, const uint64_t clocks)
+{
+    int changed = 1;
+    groups[p->time] |= clocks;
+    groups[p->drive] |= clocks;
+    groups[p->length] |= clocks;
+    for (int64_t i = 0; i < p->channels; ++i) groups[p->channel + i] |= clocks;
+    while (changed) {
+        changed = 0;
+        spread(p, p->once, groups, 1, &changed);
+        spread(p, p->weigh, groups, 1, &changed);
+        spread(p, p->stage, groups, 1, &changed);
+        spread(p, p->reading, groups, 1, &changed);
+        spread(p, p->jump, groups, 1, &changed);
+        for (int64_t a = 0; a < p->n_moving; ++a)
+            join(groups + p->moving[a], groups[p->rates[a]] | clocks, &changed);
+        for (int64_t a = 0; a < p->n_jumping; ++a)
+            join(groups + p->jumping[a], groups[p->after[a]], &changed);
+        for (const po_block *b = p->blocks; b < p->blocks + p->n_blocks; ++b) {
+            uint64_t every = clocks;
+            for (int i = 0; i < b->size; ++i) {
+                every |= groups[b->state[i]];
+                if (!b->quiet[i]) every |= groups[b->rate[i]];
+            }
+            for (int i = 0; i < b->size * b->size; ++i) every |= groups[b->matrix[i]];
+            for (int i = 0; i < 6 * b->size * b->size; ++i)
+                every |= groups[p->weights + b->weights + i];
+            for (int i = 0; i < b->size; ++i) join(groups + b->state[i], every, &changed);
+        }
+    }
+}
+
+/* --- from the list to bytes --- */
+
+typedef struct {
+    const po_trace *t;
+    unsigned char *bytes;
+    int64_t size, room;
+    int *reg, *use, *spilled, *after; /* of each value; after: of each operand its next use */
+    unsigned char *lost;
+    int held[REGISTERS], spills, constants, *constant_at;
+    int64_t spill;
+} po_coder;
+
+static void byte(po_coder *const c, const int b)
+{
+    if (c->size < c->room) c->bytes[c->size] = (unsigned char)b;
+    ++c->size;
+}
+
+static void whole(po_coder *const c, const int64_t number, const int bytes)
+{
+    for (int i = 0; i < bytes; ++i) byte(c, (int)(number >> 8 * i & 255));
+}
+
+typedef struct { int memory, base; int64_t place; } po_operand; /* a register is its base */
+
+/* A VEX instruction of four lanes; narrow: of one. */
+static void vex(po_coder *const c, const int map, const int pp, const int wide, const int narrow,
+                const int opcode, const int to, const int from, const po_operand by, const int tail)
+{
+    const int base = by.base < 0 ? 0 : by.base;
+    if (map == 1 && !wide && base < 8) {
+        byte(c, 0xc5);
+        byte(c, (to < 8) << 7 | (~from & 15) << 3 | !narrow << 2 | pp);
+    } else {
+        byte(c, 0xc4);
+        byte(c, (to < 8) << 7 | 1 << 6 | (base < 8) << 5 | map);
+        byte(c, wide << 7 | (~from & 15) << 3 | !narrow << 2 | pp);
+    }
+    byte(c, opcode);
+    if (!by.memory) byte(c, 0xc0 | (to & 7) << 3 | (base & 7));
+    else if (by.base < 0) {
+        byte(c, 0x05 | (to & 7) << 3);
+        whole(c, by.place - (c->size + 4 + tail), 4);
+    } else if (by.place >= -128 && by.place < 128) {
+        byte(c, 0x40 | (to & 7) << 3 | (base & 7));
+        whole(c, by.place, 1);
+    } else {
+        byte(c, 0x80 | (to & 7) << 3 | (base & 7));
+        whole(c, by.place, 4);
+    }
+}
+
+static po_operand in_register(const int r) { return (po_operand){0, r, 0}; }
+static po_operand in_memory(const int base, const int64_t at) { return (po_operand){1, base, at}; }
+
+static po_operand spill_of(const po_coder *const c, const int v)
+{
+    return in_memory(AT_SLOTS, c->spill + 32 * c->spilled[v]);
+}
+
+static int in_store(const po_coder *const c, const int v)
+{
+    return c->spilled[v] >= 0 || (c->t->list[v].op <= M_CONSTANT && !c->lost[v]);
+}
+
+static void save(po_coder *const c, const int v)
+{
+    if (in_store(c, v)) return;
+    c->spilled[v] = c->spills++;
+    vex(c, 1, 1, 0, 0, 0x29, c->reg[v], 0, spill_of(c, v), 0);
+}
+
+static void let_go(po_coder *const c, const int v)
+{
+    if (c->reg[v] >= 0) c->held[c->reg[v]] = NOTHING;
+    c->reg[v] = NOTHING;
+}
+
+/* A register, if need be that of what is used last; locked ones are bits. */
+static int take(po_coder *const c, const unsigned locked)
+{
+    int last = NOTHING;
+    for (int r = 0; r < REGISTERS; ++r) {
+        if (locked >> r & 1) continue;
+        if (c->held[r] == NOTHING) return r;
+        if (last == NOTHING || c->use[c->held[r]] > c->use[c->held[last]]) last = r;
+    }
+    const int v = c->held[last];
+    if (c->use[v] < NEVER) save(c, v);
+    let_go(c, v);
+    return last;
+}
+
+static void load(po_coder *const c, const int v, const int r)
+{
+    const po_instruction *const one = c->t->list + v;
+    if (c->spilled[v] >= 0) vex(c, 1, 1, 0, 0, 0x28, r, 0, spill_of(c, v), 0);
+    else if (one->op == M_ROW) vex(c, 1, 1, 0, 0, 0x28, r, 0, in_memory(one->detail, one->place), 0);
+    else if (one->op == M_CONSTANT && one->by.number == 0.0 && !signbit(one->by.number))
+        vex(c, 1, 1, 0, 0, 0x57, r, r, in_register(r), 0);
+    else {
+        const int constant = one->op == M_CONSTANT;
+        const po_operand from = constant ? in_memory(AT_CONSTANTS, 8 * (int64_t)c->constant_at[v])
+                                         : in_memory(one->detail, one->place);
+        vex(c, 2, 1, 0, 0, 0x19, r, 0, from, 0);
+    }
+    c->reg[v] = r;
+    c->held[r] = v;
+}
+
+static int ensure(po_coder *const c, const int v, unsigned *const locked)
+{
+    if (c->reg[v] == NOTHING) load(c, v, take(c, *locked));
+    *locked |= 1u << c->reg[v];
+    return c->reg[v];
+}
+
+/* Where an instruction may find its last operand: in memory, if it is there as four numbers and
+   will not be needed again. */
+static po_operand last_operand(po_coder *const c, const int v, const int again,
+                               unsigned *const locked)
+{
+    if (c->reg[v] == NOTHING && again == NEVER) {
+        const po_instruction *const one = c->t->list + v;
+        if (c->spilled[v] >= 0) return spill_of(c, v);
+        if (one->op == M_ROW && !c->lost[v]) return in_memory(one->detail, one->place);
+    }
+    return in_register(ensure(c, v, locked));
+}
+
+static void used_up(po_coder *const c, const int v, const int again)
+{
+    c->use[v] = again;
+    if (again == NEVER) let_go(c, v);
+}
+
+static void result(po_coder *const c, const int k, const int r)
+{
+    c->reg[k] = r;
+    c->held[r] = k;
+}
+
+static void code_call(po_coder *const c, const int k)
+{
+    const po_instruction *const one = c->t->list + k;
+    const int *const again = c->after + 3 * k;
+    unsigned locked = 0;
+    for (int i = 0; i < 2 && one->in[i] >= 0; ++i) {
+        ensure(c, one->in[i], &locked);
+        save(c, one->in[i]);
+    }
+    for (int r = 0; r < REGISTERS; ++r)
+        if (c->held[r] != NOTHING) {
+            const int v = c->held[r];
+            if (c->use[v] < NEVER) save(c, v);
+            let_go(c, v);
+        }
+    for (int i = 0; i < 2 && one->in[i] >= 0; ++i) {
+        load(c, one->in[i], i);
+        let_go(c, one->in[i]);
+    }
+    if (one->op == M_POWER) { /* lea rdi, [rbx + place] */
+        byte(c, 0x48), byte(c, 0x8d), byte(c, 0xbb);
+        whole(c, one->place, 4);
+    }
+    byte(c, 0xc5), byte(c, 0xf8), byte(c, 0x77); /* vzeroupper */
+    byte(c, 0x48), byte(c, 0xb8); /* mov rax, called; call rax */
+    whole(c, (int64_t)(uintptr_t)one->by.called, 8);
+    byte(c, 0xff), byte(c, 0xd0);
+    vex(c, 2, 1, 0, 0, 0x19, 0, 0, in_register(0), 0);
+    for (int i = 0; i < 2 && one->in[i] >= 0; ++i) c->use[one->in[i]] = again[i];
+    result(c, k, 0);
+}
+
+static void code_join(po_coder *const c, const int k)
+{
+    const po_instruction *const one = c->t->list + k;
+    const int *const again = c->after + 3 * k;
+    const int a = one->in[0], b = one->in[1], d = one->in[2];
+    /* Opcodes of: sum += a b, and a = b a + sum. */
+    const int onto = one->op == M_JOIN ? 0xb8 : one->op == M_LESS_JOIN ? 0xbc : 0xba;
+    const int into = onto - 0x10;
+    unsigned locked = 0;
+    int to;
+    if (again[2] == NEVER || a == b || (again[0] != NEVER && again[1] != NEVER)) {
+        const int ra = ensure(c, a, &locked);
+        const po_operand by = last_operand(c, b, again[1], &locked);
+        if (again[2] == NEVER && d != a && d != b) to = ensure(c, d, &locked);
+        else {
+            const int from = ensure(c, d, &locked);
+            to = take(c, locked);
+            vex(c, 1, 1, 0, 0, 0x28, to, 0, in_register(from), 0);
+        }
+        vex(c, 2, 1, 1, 0, onto, to, ra, by, 0);
+    } else {
+        const int dies = again[0] == NEVER ? a : b, other = dies == a ? b : a;
+        to = ensure(c, dies, &locked);
+        const int ro = ensure(c, other, &locked);
+        const po_operand by = last_operand(c, d, again[2], &locked);
+        vex(c, 2, 1, 1, 0, into, to, ro, by, 0);
+    }
+    for (int i = 0; i < 3; ++i) used_up(c, one->in[i], again[i]);
+    if (c->held[to] != NOTHING) let_go(c, c->held[to]);
+    result(c, k, to);
+}
+
+static void code_two(po_coder *const c, const int k)
+{
+    static const int opcodes[] = {
+        [M_ADD] = 0x58, [M_SUB] = 0x5c, [M_MUL] = 0x59, [M_DIV] = 0x5e, [M_MIN] = 0x5d,
+        [M_MAX] = 0x5f, [M_AND] = 0x54, [M_CLEAR] = 0x55, [M_FLIP] = 0x57, [M_COMPARE] = 0xc2,
+    };
+    const po_instruction *const one = c->t->list + k;
+    const int *const again = c->after + 3 * k;
+    int a = 0, b = 1;
+    unsigned locked = 0;
+    /* What can be exchanged is, where the first one is in memory alone. */
+    if ((one->op == M_ADD || one->op == M_MUL) && c->reg[one->in[0]] == NOTHING
+        && c->reg[one->in[1]] != NOTHING)
+        a = 1, b = 0;
+    const int from = ensure(c, one->in[a], &locked);
+    const po_operand by = last_operand(c, one->in[b], again[b], &locked);
+    for (int i = 0; i < 2; ++i) used_up(c, one->in[i], again[i]);
+    const unsigned kept = by.memory ? 0 : 1u << by.base;
+    const int to = take(c, (c->held[from] != NOTHING ? 1u << from : 0)
+                               | (by.memory || c->held[by.base] == NOTHING ? 0 : kept));
+    vex(c, 1, 1, 0, 0, opcodes[one->op], to, from, by, one->op == M_COMPARE);
+    if (one->op == M_COMPARE) byte(c, one->detail);
+    result(c, k, to);
+}
+
+static void code_store(po_coder *const c, const int k)
+{
+    const po_instruction *const one = c->t->list + k;
+    const int row = one->op == M_STORE_ROW;
+    po_instruction old = plain(row ? M_ROW : M_LOAD, NOTHING, NOTHING, NOTHING);
+    unsigned locked = 0;
+    old.detail = one->detail;
+    old.place = one->place;
+    const int from = ensure(c, one->in[0], &locked), was = *sought(c->t, &old);
+    if (was != NOTHING && c->use[was] < NEVER && c->spilled[was] < 0) {
+        ensure(c, was, &locked); /* what stood here is still needed */
+        c->lost[was] = 1;
+    }
+    const po_operand to = in_memory(one->detail, one->place);
+    if (row) vex(c, 1, 1, 0, 0, 0x29, from, 0, to, 0);
+    else vex(c, 1, 3, 0, 1, 0x11, from, 0, to, 0);
+    used_up(c, one->in[0], c->after[3 * k]);
+}
+
+static void code(po_coder *const c, const int k)
+{
+    const po_instruction *const one = c->t->list + k;
+    if (one->op <= M_CONSTANT) return;
+    if (one->op == M_CALL || one->op == M_POWER) code_call(c, k);
+    else if (one->op >= M_STORE) code_store(c, k);
+    else if (one->op >= M_JOIN && one->op <= M_JOIN_LESS) code_join(c, k);
+    else if (one->op == M_ROOT) {
+        unsigned locked = 0;
+        const int from = ensure(c, one->in[0], &locked), to = take(c, locked);
+        vex(c, 1, 1, 0, 0, 0x51, to, 0, in_register(from), 0);
+        used_up(c, one->in[0], c->after[3 * k]);
+        result(c, k, to);
+    } else code_two(c, k);
+}
+
+/* Leaves out what nobody needs, and joins products with the only sum that they are for. */
+static void joined(po_trace *const t, int *const uses)
+{
+    memset(uses, 0, sizeof(int) * t->count);
+    for (int k = t->count - 1; k >= 0; --k)
+        if (t->list[k].op >= M_STORE || uses[k])
+            for (int i = 0; i < 3; ++i) if (t->list[k].in[i] >= 0) ++uses[t->list[k].in[i]];
+    for (int k = 0; k < t->count; ++k) {
+        po_instruction *const one = t->list + k;
+        if (!uses[k] || (one->op != M_ADD && one->op != M_SUB)) continue;
+        for (int i = 1; i >= 0; --i) {
+            const int m = one->in[i], other = one->in[1 - i];
+            if (t->list[m].op != M_MUL || uses[m] != 1) continue;
+            const int op = one->op == M_ADD ? M_JOIN : i == 1 ? M_LESS_JOIN : M_JOIN_LESS;
+            uses[m] = 0;
+            *one = plain(op, t->list[m].in[0], t->list[m].in[1], other);
+            break;
+        }
+    }
+}
+
+/* Bytes of a function that does what a list says, behind its constants; where it begins. */
+static int64_t coded(po_trace *const t, po_coder *const c, const int64_t spill)
+{
+    const int n = t->count + 1;
+    int *const all = malloc(sizeof(int) * 8 * n);
+    c->lost = calloc(n, 1);
+    if (!all || !c->lost || t->failed) {
+        free(all);
+        free(c->lost);
+        t->failed = 1;
+        return 0;
+    }
+    int *const uses = all;
+    c->t = t;
+    c->reg = all + n, c->use = all + 2 * n, c->spilled = all + 3 * n, c->constant_at = all + 4 * n;
+    c->after = all + 5 * n;
+    c->spill = spill;
+    joined(t, uses);
+    for (int k = 0; k < t->count; ++k) {
+        c->reg[k] = c->spilled[k] = NOTHING;
+        c->use[k] = NEVER;
+    }
+    for (int k = t->count - 1; k >= 0; --k) {
+        const int live = uses[k] || t->list[k].op >= M_STORE;
+        for (int i = 0; i < 3; ++i) c->after[3 * k + i] = NEVER;
+        for (int i = 0; i < 3 && live; ++i)
+            if (t->list[k].in[i] >= 0) c->after[3 * k + i] = c->use[t->list[k].in[i]];
+        for (int i = 0; i < 3 && live; ++i)
+            if (t->list[k].in[i] >= 0) c->use[t->list[k].in[i]] = k;
+    }
+    for (int r = 0; r < REGISTERS; ++r) c->held[r] = NOTHING;
+    while (c->size % 64) byte(c, 0);
+    for (int k = 0; k < t->count; ++k)
+        if (t->list[k].op == M_CONSTANT && uses[k]) {
+            int64_t bits;
+            memcpy(&bits, &t->list[k].by.number, 8);
+            c->constant_at[k] = (int)(c->size / 8);
+            whole(c, bits, 8);
+        }
+    while (c->size % 64) byte(c, 0);
+    const int64_t begins = c->size;
+    /* push rbx, rbp, r14; mov rbx, rdi; mov rbp, rsi; mov r14, rdx */
+    static const unsigned char first[] = {
+        0x53, 0x55, 0x41, 0x56, 0x48, 0x89, 0xfb, 0x48, 0x89, 0xf5, 0x49, 0x89, 0xd6,
+    };
+    static const unsigned char last[] = {0xc5, 0xf8, 0x77, 0x41, 0x5e, 0x5d, 0x5b, 0xc3};
+    for (unsigned i = 0; i < sizeof first; ++i) byte(c, first[i]);
+    for (int k = 0; k < t->count; ++k)
+        if (uses[k] || t->list[k].op >= M_STORE) code(c, k);
+    for (unsigned i = 0; i < sizeof last; ++i) byte(c, last[i]);
+    free(all);
+    free(c->lost);
+    return begins;
+}
+
+static void code_release(po_code *const code)
+{
+    if (code->memory) munmap(code->memory, code->bytes);
+    free(code->groups);
+    free(code);
+}
+
+void po_release(po_code *const code) { if (code) code_release(code); }
+
+/* Machine code for D directions, or null where there can be none. MOVES and CLOCKS as for po_run;
+   S: sensitivities of the states at the start, of which only those that are zero now may be zero
+   for ever. */
+po_code *po_translate(const po_plan *const p, const int *const MOVES, const int *const CLOCKS,
+                      const long D, const double *const S)
+{
+    const int many = (int)((D + 3) / 4);
+    const long N = (D + 7) / 8;
+    if (many > 63 || !__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma")) return NULL;
+    po_code *const code = calloc(1, sizeof *code);
+    if (!code) return NULL;
+    code->groups = calloc(p->count + 1, sizeof(uint64_t));
+    po_trace made = {0};
+    made.room = MOST;
+    made.width = 1 << 17;
+    made.list = malloc(sizeof(po_instruction) * MOST);
+    made.table = malloc(sizeof(int) * made.width);
+    po_writer w = {.trace = made, .plan = p, .groups = code->groups, .many = many,
+                   .stride = STRIDE(N), .moved = D > 0};
+    w.number = malloc(sizeof(int) * p->count);
+    w.row = malloc(sizeof(int) * (p->count * many + 1));
+    po_coder c = {.room = 1 << 20};
+    c.bytes = mmap(NULL, c.room, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (c.bytes == MAP_FAILED) c.bytes = NULL;
+    int good = code->groups && made.list && made.table && w.number && w.row && c.bytes;
+    if (good) {
+        uint64_t clocks = 0;
+        for (long d = 0; d < D; ++d) {
+            if (MOVES[d] >= 0) code->groups[MOVES[d]] |= 1ull << d / 4;
+            if (CLOCKS && CLOCKS[d]) clocks |= 1ull << d / 4;
+            for (int64_t i = 0; i < p->states; ++i)
+                if (S[i * D + d] != 0.0) code->groups[p->state + i] |= 1ull << d / 4;
+        }
+        spread_all(p, code->groups, clocks);
+        const po_layout at = layout(p, N);
+        const po_instant_places places = {at.instant, at.instant + 8, at.instant + 16, at.clock,
+                                          clocks};
+        int64_t begins[2];
+        w.kept = at.k;
+        for (int which = 0; which < 2 && good; ++which) {
+            memset(w.trace.table, 255, sizeof(int) * w.trace.width);
+            w.trace.count = 0;
+            for (int64_t i = 0; i < p->count; ++i) w.number[i] = UNKNOWN;
+            for (int64_t i = 0; i < p->count * many; ++i) w.row[i] = UNKNOWN;
+            if (which) write_reading(&w, &places);
+            else write_step(&w, &places);
+            begins[which] = coded(&w.trace, &c, at.bytes);
+            good = !w.trace.failed && c.size <= c.room;
+        }
+        if (good) {
+            const int64_t page = 4096, bytes = (c.size + page - 1) / page * page;
+            munmap(c.bytes + bytes, c.room - bytes);
+            c.room = bytes;
+            good = !mprotect(c.bytes, bytes, PROT_READ | PROT_EXEC);
+            code->step = (po_machine *)(uintptr_t)(c.bytes + begins[0]);
+            code->reading = (po_machine *)(uintptr_t)(c.bytes + begins[1]);
+            code->spills = 32 * (int64_t)c.spills;
+            code->states = p->states;
+            code->first = p->state;
+        }
+    }
+    if (c.bytes) {
+        if (good) code->memory = c.bytes, code->bytes = c.room;
+        else munmap(c.bytes, c.room);
+    }
+    free(made.list);
+    free(made.table);
+    free(w.number);
+    free(w.row);
+    if (good) return code;
+    code_release(code);
+    return NULL;
+}
+
+/* Whether sensitivities are zero where they must be. */
+int po_suits(const po_code *const code, const double *const S, const long D)
+{
+    for (int64_t i = 0; i < code->states; ++i)
+        for (long d = 0; d < D; ++d)
+            if (S[i * D + d] != 0.0 && !(code->groups[code->first + i] >> d / 4 & 1)) return 0;
+    return 1;
+}
+#else
+void po_release(po_code *const code) {}
+po_code *po_translate(const po_plan *const p, const int *const MOVES, const int *const CLOCKS,
+                      const long D, const double *const S) { return NULL; }
+int po_suits(const po_code *const code, const double *const S, const long D) { return 0; }
+#endif
