@@ -152,7 +152,12 @@ def quantity(value: str | float, unit: str) -> float:
     dimension.
     """
     if not isinstance(value, str):
-        number = float(value)
+        try:
+            number = float(value)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise InputError(
+                f"{value!r} is no number and no text: write '20 {unit}', say"
+            ) from error
         if not math.isfinite(number):
             raise InputError(f"{number} is not a number in {unit}: give a finite value")
         return number

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -9,6 +11,7 @@ from typing import final
 
 import numpy as np
 
+from piezo_opt.choosing import chosen, is_number
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, ModelError
 from piezo_opt.measurement import Campaign, Measurement
@@ -59,17 +62,30 @@ class Loss:
 
     Args:
         shape: ``SQUARE`` is least squares; the others grow more slowly, so outliers weigh less.
-        scale: residual [m] at which an outlier begins (not used by ``SQUARE``).
+        scale: residual [m] at which an outlier begins, about three times the noise. ``SQUARE`` does
+            not use it, the others need it.
+
+    Raises:
+        InputError: there is no such shape, or a robust one has no scale.
 
     Source: Triggs et al. (2000), Bundle Adjustment - A Modern Synthesis, sec. 3.3.
     """
 
     shape: Shape = Shape.SQUARE
-    scale: float = 1.0
+    scale: float = math.nan
 
     def __post_init__(self) -> None:
-        if not self.scale > 0:
-            raise InputError(f"Loss scale is {self.scale}; give a positive length in metres.")
+        object.__setattr__(self, "shape", chosen(Shape, self.shape, "loss"))
+        if isinstance(self.scale, float) and math.isnan(self.scale):
+            if self.shape is not Shape.SQUARE:
+                raise InputError(
+                    f"The loss {self.shape.value} has no scale, which is the residual in metres at "
+                    "which an outlier begins: give about three times the noise, "
+                    f"Loss(Shape.{self.shape.name}, scale=3e-8)."
+                )
+            object.__setattr__(self, "scale", 1.0)
+        elif isinstance(self.scale, bool) or not is_number(self.scale) or not self.scale > 0:
+            raise InputError(f"Loss scale is {self.scale!r}; give a positive length in metres.")
 
 
 @final
@@ -113,14 +129,27 @@ class Identification:
     weights: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        if not isinstance(self.model, Model):
+            raise ModelError(
+                f"{self.model!r} is no model: give a sum of effects, PiezoGain() + BoucWen()."
+            )
         campaign = Campaign.of(self.records)
+        if self.start is not None:
+            object.__setattr__(self, "start", chosen(Start, self.start, "start"))
+        if not isinstance(self.loss, Loss):
+            raise InputError(f"loss is {self.loss!r}: give Loss(Shape.HUBER, scale=3e-8), say.")
+        for what in ("free", "per_record", "weights"):
+            if isinstance(getattr(self, what), str):
+                raise InputError(
+                    f"{what} is the text {getattr(self, what)!r}: give a tuple, (..., )."
+                )
         object.__setattr__(self, "records", campaign)
         for what, names in (
             ("values", self.values), ("fixed", self.fixed), ("free", self.free),
             ("bounds", self.bounds), ("priors", self.priors), ("per_record", self.per_record),
         ):  # fmt: skip
             for name in names:
-                if _unit(self.model, name) is None:
+                if not isinstance(name, str) or _unit(self.model, name) is None:
                     raise ModelError(
                         f"{what}: the model has no parameter '{name}'; it has "
                         f"{', '.join((*self.model.parameters, *_starts(self.model)))}."
@@ -133,6 +162,9 @@ class Identification:
                 raise InputError(
                     f"bounds of '{name}': {low} is not below {high}; give (low, high)."
                 )
+        for mapping in ("values", "fixed"):
+            for name, number in getattr(self, mapping).items():
+                self._check_bounds(mapping, name, number)
         if self.priors and self.noise is None:
             raise InputError(
                 "Priors weigh against the noise of the reading: give noise=... in metres "
@@ -156,10 +188,47 @@ class Identification:
 
     def _number(self, name: str, value: float | str) -> float:
         unit = _unit(self.model, name)
-        number = quantity(value, unit) if isinstance(value, str) and unit else float(value)
-        if not np.isfinite(number):
+        number = quantity(value, unit) if isinstance(value, str) and unit else value
+        if not is_number(number):
             raise InputError(f"The value of '{name}' is {number}; give a finite number.")
-        return number
+        return float(number)
+
+    def _moved(self, name: str, number: float) -> float:
+        """The number within the bounds that hold for its parameter; a start there would be moved.
+
+        A stroke that falls as the drive rises has its bounds mirrored when it is fitted.
+        """
+        declared = self.model.parameters.get(plain(name))
+        if declared is None:
+            return number
+        low, high = self.bounds.get(name, self.bounds.get(plain(name), declared.bounds))
+        mirrored = number < 0.0 == low and declared.unit in ("m/V", "V/m")
+        moved = min(max(abs(number) if mirrored else number, low), high)
+        return -moved if mirrored else moved
+
+    def _check_bounds(self, what: str, name: str, number: float) -> None:
+        moved = self._moved(name, number)
+        if abs(number - moved) > 1e-9 * max(abs(number), abs(moved)):
+            unit = _unit(self.model, name)
+            raise InputError(
+                f"{what}: '{name}' is {number:g} {unit}, beyond its bound {moved:g} {unit}: "
+                f"correct it, or widen the bounds with bounds={{'{name}': (low, high)}}."
+            )
+
+    def check_numbers(self) -> None:
+        """Refuse names of records and elements that do not exist; a fit would pass them over.
+
+        Raises:
+            InputError: names one of them, and the numbers there are.
+        """
+        count = len(self.campaign)
+        for what in ("values", "fixed", "free", "bounds", "priors", "per_record"):
+            for name in getattr(self, what):
+                if not _numbered(self.model, name, count):
+                    raise InputError(
+                        f"{what}: '{name}' has a number that does not exist; "
+                        f"{_counted(self.model, name, count)}."
+                    )
 
     def given(self) -> dict[str, float]:
         """Start values that the user gave, in SI units."""
@@ -197,12 +266,34 @@ class Identification:
     def with_records(
         self, records: Campaign | Measurement | Iterable[Measurement]
     ) -> Identification:
-        """The same question to other records."""
-        return replace(self, records=records, weights=())
+        """The same question to other records; values of records that are no more are dropped."""
+        campaign = Campaign.of(records)
+
+        def kept(name: str) -> bool:
+            return _numbered(self.model, name, len(campaign))
+
+        return replace(
+            self,
+            records=campaign,
+            weights=(),
+            values={k: v for k, v in self.values.items() if kept(k)},
+            fixed={k: v for k, v in self.fixed.items() if kept(k)},
+            free=tuple(k for k in self.free if kept(k)),
+            bounds={k: v for k, v in self.bounds.items() if kept(k)},
+            priors={k: v for k, v in self.priors.items() if kept(k)},
+        )
 
     def starting_at(self, values: Values | Mapping[str, float]) -> Identification:
-        """The same question with these start values (names that it lacks are left out)."""
-        usable = {k: v for k, v in values.items() if _unit(self.model, k) is not None}
+        """The same question with these start values, moved into its bounds.
+
+        Names that it lacks are left out.
+        """
+        count = len(self.campaign)
+        usable = {
+            k: self._moved(k, v)
+            for k, v in values.items()
+            if _unit(self.model, k) is not None and _numbered(self.model, k, count)
+        }
         return replace(self, values={**self.values, **usable})
 
 
@@ -210,6 +301,38 @@ def plain(name: str) -> str:
     """Name of a parameter without its record's number: ``"offset.y0[1]" -> "offset.y0"``."""
     head, bracket, _ = name.partition("[")
     return head if bracket and not name.startswith("initial.") else name
+
+
+def _numbers_of(name: str) -> tuple[int, ...]:
+    return tuple(int(number) for number in re.findall(r"\[(\d+)\]", name))
+
+
+def _elements(model: Model, name: str) -> int:
+    """How many elements the state of an initial deviation has; 1 for a parameter."""
+    if not name.startswith("initial."):
+        return 1
+    effect, _, state = name.removeprefix("initial.").partition("[")[0].rpartition(".")
+    return model[effect].states[state]
+
+
+def _numbered(model: Model, name: str, records: int) -> bool:
+    """Whether the elements and records that a name's brackets number exist."""
+    numbers = _numbers_of(name)
+    elements = _elements(model, name)
+    if elements > 1 and numbers:
+        if numbers[0] >= elements:
+            return False
+        numbers = numbers[1:]
+    return len(numbers) <= 1 and all(number < records for number in numbers)
+
+
+def _counted(model: Model, name: str, records: int) -> str:
+    """The numbers that there are, in words."""
+    there = f"records are numbered from 0 to {records - 1}"
+    if records == 1:
+        there = "there is one record, number 0"
+    elements = _elements(model, name)
+    return there if elements == 1 else f"elements from 0 to {elements - 1}, and {there}"
 
 
 def _starts(model: Model) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, final
@@ -158,7 +158,7 @@ class Fit:
         """
         for index, own in enumerate(self.records):
             if _same_start(own, record):
-                question = replace(self.question, records=record, weights=())
+                question = self.question.with_records(record)
                 start = self.values.of_record(index)
                 unknown = unknowns(question, start)
                 theta = theta_of(unknown, start)
@@ -174,7 +174,8 @@ class Fit:
         }
         question = Identification(
             self.model, record, fixed=shared, start=self.question.start,
-            values={n: self.values.of_record(0).get(n, 0.0) for n in free},
+            bounds={n: limits for n, limits in self.question.bounds.items() if n == plain(n)},
+            values={n: v for n, v in self.values.of_record(0).items() if n in free},
         )  # fmt: skip
         unknown = unknowns(question, Values({**Values.nominal(self.model), **question.given()}))
         theta = theta_of(unknown, question.given())

@@ -98,6 +98,7 @@ def _solved(
     limit: TimeLimit,
 ) -> Fit:
     """The fit, interrupted or not; only the search is limited, not what is made of its result."""
+    question.check_numbers()
     chosen: Transcription = SingleShooting() if transcription is None else transcription
     asked = question if start is None else question.starting_at(_numbers(start))
     scout = Monitor(())

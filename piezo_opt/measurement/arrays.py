@@ -21,9 +21,23 @@ def frozen(values: object, channel: str, record: str) -> FloatArray:
     Raises:
         InputError: they are not numbers, or not one signal.
     """
+    if isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values).any():
+        many = int(np.ma.getmaskarray(values).sum())
+        raise InputError(
+            f"{record}: {channel} has {many} masked values: remove those samples, or fill them and "
+            "say left_out=mask where they are readings"
+        )
     try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        given = np.asarray(values)
+        if given.dtype.kind in "cMm":
+            raise InputError(
+                f"{record}: {channel} is of the kind {given.dtype}, which is no real number: give "
+                "the real part, or seconds"
+            )
+        array = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"{record}: {channel} is not an array of numbers") from error
     if array.ndim != 1:
         raise InputError(

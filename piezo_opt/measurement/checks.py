@@ -75,6 +75,8 @@ def check_unit(record: str, unit: str) -> None:
     # The common units are known to be SI; asking takes the units library a while to load.
     if unit in _COMMON_UNITS:
         return
+    if not isinstance(unit, str):
+        raise InputError(f"{record}: a unit is {unit!r}: write it as text, 'V' or 'm'")
     if float(to_si(1.0, unit)[0]) != 1.0:
         raise InputError(
             f"{record}: its signals are in SI units, and {unit!r} is none: convert it, "

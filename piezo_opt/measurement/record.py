@@ -10,6 +10,7 @@ from typing import Any, final
 
 import numpy as np
 
+from piezo_opt.choosing import chosen
 from piezo_opt.errors import InputError
 from piezo_opt.measurement.arrays import BoolArray, FloatArray, frozen, kept_mask
 from piezo_opt.measurement.between import Between
@@ -78,6 +79,10 @@ class Measurement:
             "drive": frozen(self.drive, "drive", self.name),
             "position": frozen(self.position, "position", self.name),
         }
+        if not isinstance(self.channels, Mapping) or not isinstance(self.channel_units, Mapping):
+            raise InputError(
+                f"{self.name}: channels and their units go by name: channels={{'temperature': ...}}"
+            )
         channels = {
             str(name): frozen(values, str(name), self.name)
             for name, values in self.channels.items()
@@ -90,10 +95,15 @@ class Measurement:
         object.__setattr__(self, "channels", MappingProxyType(channels))
         units = {name: str(self.channel_units.get(name, "1")) for name in channels}
         object.__setattr__(self, "channel_units", MappingProxyType(units))
+        object.__setattr__(self, "between", chosen(Between, self.between, f"{self.name}: between"))
+        for what in ("period", "startup"):
+            if isinstance(getattr(self, what), str):
+                object.__setattr__(self, what, quantity(getattr(self, what), "s"))
         check_signals(self.name, {**signals, **channels})
         left_out = kept_mask(self.left_out, signals["time"].size, self.name)
         object.__setattr__(self, "left_out", left_out)
-        object.__setattr__(self, "notes", tuple(self.notes))
+        notes = (self.notes,) if isinstance(self.notes, str) else tuple(self.notes)
+        object.__setattr__(self, "notes", notes)
         for unit in (self.drive_unit, self.position_unit, *units.values()):
             check_unit(self.name, unit)
         check_startup(self.name, self.clock, self.startup)

@@ -39,6 +39,14 @@ RECORD = po.Measurement(TIME, DRIVE, 1e-7 * DRIVE, name="bench")
         ({"values": {"piezo_gain.d": float("inf")}}, po.InputError, ("piezo_gain.d", "finite")),
         ({"values": {"initial.bouc_wen.k": 1e-7}}, po.ModelError, ("initial.bouc_wen.h",)),
         ({"bounds": {"initial.creep.z[0]": (-1, 1)}}, po.ModelError, ("bounds", "initial.creep")),
+        ({"start": "garbage"}, po.InputError, ("start is 'garbage'", "Start.REST")),
+        ({"loss": "huber"}, po.InputError, ("loss is 'huber'", "scale=3e-8")),
+        ({"free": "bouc_wen.n"}, po.InputError, ("free is the text 'bouc_wen.n'", "a tuple")),
+        ({"values": {"piezo_gain.d": 1j}}, po.InputError, ("piezo_gain.d", "1j", "finite number")),
+        ({"values": {"piezo_gain.d": 1e9}}, po.InputError, ("1e+09 m/V", "bound 0.001 m/V")),
+        ({"fixed": {"bouc_wen.n": -2.0}}, po.InputError, ("fixed", "-2 1", "bound")),
+        ({"values": {"piezo_gain.d": 3e-7}, "bounds": {"piezo_gain.d": (0.0, 2e-7)}},
+         po.InputError, ("3e-07 m/V", "bound 2e-07 m/V", "widen the bounds")),
     ],
 )  # fmt: skip
 def test_a_senseless_question_is_refused_by_name(
@@ -50,10 +58,51 @@ def test_a_senseless_question_is_refused_by_name(
         assert word in str(refusal.value)
 
 
-@pytest.mark.parametrize("scale", [0.0, -1e-9, float("nan")])
-def test_a_loss_without_a_scale_is_refused(scale: float) -> None:
+def test_a_model_is_no_text() -> None:
+    with pytest.raises(po.ModelError, match=r"'bouc_wen' is no model.*PiezoGain\(\)"):
+        po.Identification("bouc_wen", RECORD)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("scale", [0.0, -1e-9, 1j, "30 nm", None, True])
+def test_a_loss_with_a_scale_that_is_none_is_refused(scale: Any) -> None:
     with pytest.raises(po.InputError, match="positive length in metres"):
         po.Loss(po.Shape.HUBER, scale)
+
+
+def test_a_robust_loss_needs_a_scale_and_a_shape_that_exists() -> None:
+    """With a scale of a metre a robust loss of nanometres would be least squares."""
+    with pytest.raises(po.InputError, match=r"huber has no scale.*three times the noise"):
+        po.Loss(po.Shape.HUBER)
+    with pytest.raises(po.InputError, match=r"'nonsense': give Shape.SQUARE, .*Shape.CAUCHY"):
+        po.Loss("nonsense")  # type: ignore[arg-type]
+    assert po.Loss("huber", 3e-8) == po.Loss(po.Shape.HUBER, 3e-8)  # type: ignore[arg-type]
+    assert po.Loss() == po.Loss(po.Shape.SQUARE, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("choices", "words"),
+    [
+        ({"fixed": {"offset.y0[1]": 0.0}}, ("fixed: 'offset.y0[1]'", "one record, number 0")),
+        ({"values": {"initial.creep.z[7]": 0.0}}, ("initial.creep.z[7]", "elements from 0 to")),
+        ({"bounds": {"initial.bouc_wen.h[2]": (0.0, 1.0)}}, ("bounds", "number 0")),
+    ],
+)  # fmt: skip
+def test_numbers_of_records_that_do_not_exist_are_refused(
+    choices: dict[str, Any], words: tuple[str, ...]
+) -> None:
+    with pytest.raises(po.InputError) as refusal:
+        po.solve(po.Identification(STILL + Creep(), RECORD, **choices))
+    for word in words:
+        assert word in str(refusal.value)
+
+
+def test_start_values_of_another_fit_are_moved_into_the_bounds() -> None:
+    question = po.Identification(STILL, RECORD, bounds={"piezo_gain.d": (0.0, 2e-7)})
+    moved = question.starting_at({"piezo_gain.d": 3e-7, "creep.c": 1.0, "offset.y0[4]": 1e-6})
+    assert moved.given() == {"piezo_gain.d": 2e-7}
+    # A stroke that falls as the drive rises has its bounds mirrored.
+    assert question.starting_at({"piezo_gain.d": -1e-7}).given() == {"piezo_gain.d": -1e-7}
+    assert po.Identification(STILL, RECORD, values={"piezo_gain.d": -1e-7}).given()
 
 
 @pytest.mark.parametrize(("mean", "std"), [(1.0, 0.0), (1.0, -1.0), (np.nan, 1.0), (1.0, np.inf)])
