@@ -10,6 +10,19 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from piezo_opt import effects, physics, signals
     from piezo_opt.comparison import Comparison, compare, uncontrolled_iae
+    from piezo_opt.control import (
+        MPC,
+        PID,
+        Limits,
+        ModelPlant,
+        close_loop,
+        linearise,
+        margins,
+        tune_lqr,
+        tune_mpc,
+        tune_pid,
+        tune_shaper,
+    )
     from piezo_opt.datasets import load, load_campaign
     from piezo_opt.diagnosis import Diagnosis, diagnose
     from piezo_opt.effects import Effect, Model
@@ -62,6 +75,8 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "MPC",
+    "PID",
     "Between",
     "Bootstrap",
     "Campaign",
@@ -80,11 +95,13 @@ __all__ = [
     "InputError",
     "Ipopt",
     "LevenbergMarquardt",
+    "Limits",
     "Loss",
     "Many",
     "Measurement",
     "Model",
     "ModelError",
+    "ModelPlant",
     "MultipleShooting",
     "NelderMead",
     "PiezoOptError",
@@ -101,6 +118,7 @@ __all__ = [
     "Values",
     "bootstrap",
     "check",
+    "close_loop",
     "compare",
     "default_model",
     "diagnose",
@@ -110,9 +128,11 @@ __all__ = [
     "export_fmu",
     "fit_transfer",
     "frequency_response",
+    "linearise",
     "load",
     "load_campaign",
     "load_fit",
+    "margins",
     "physics",
     "priors_from",
     "profile_likelihood",
@@ -126,6 +146,10 @@ __all__ = [
     "simulate_many",
     "solve",
     "study_thesis",
+    "tune_lqr",
+    "tune_mpc",
+    "tune_pid",
+    "tune_shaper",
     "uncontrolled_iae",
     "write",
     "write_report",
@@ -133,6 +157,10 @@ __all__ = [
 
 _ROOMS: Final = {
     "comparison": "Comparison compare uncontrolled_iae",
+    "control": (
+        "Limits MPC ModelPlant PID close_loop linearise margins tune_lqr tune_mpc tune_pid "
+        "tune_shaper"
+    ),
     "datasets": "load load_campaign",
     "diagnosis": "Diagnosis diagnose",
     "effects": "Effect Model",

@@ -35,6 +35,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from piezo_opt.effects.catalogue import model_from_dict
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, PiezoOptError
@@ -46,6 +49,8 @@ from piezo_opt.units import quantity
 from piezo_opt.values import Values
 
 __all__ = ["ModelFile", "read_model"]
+
+FloatArray = NDArray[np.float64]
 
 _KEYS: Final = ("effects", "values", "fixed", "bounds", "priors", "free", "per_record", "noise")
 
@@ -65,6 +70,9 @@ class ModelFile:
         per_record: parameters with one value for each record.
         noise: standard deviation of the reading's noise [m], or None.
         sampling: step [s] and range of the drive [V] of the fitted record, if told.
+        rms: of what the fit left [m], if told.
+        uncertainty: names of the estimates and their (k, k) covariance, NaN rows for those at a
+            bound, if told.
     """
 
     model: Model
@@ -76,6 +84,8 @@ class ModelFile:
     per_record: tuple[str, ...] = ()
     noise: float | None = None
     sampling: tuple[float, float, float] | None = None
+    rms: float | None = None
+    uncertainty: tuple[tuple[str, ...], FloatArray] | None = None
 
     def question(
         self,
@@ -181,7 +191,24 @@ def _from_fit(file: Path, data: Mapping[str, Any]) -> ModelFile:
         for name, declared in model.parameters.items()
         if declared.fixed and parameters.get(name, {}).get("estimated") is True
     )
-    return ModelFile(model, values, fixed, free=free, sampling=_sampling(data))
+    rms = _size(data.get("rms"))
+    return ModelFile(
+        model, values, fixed, free=free, sampling=_sampling(data),
+        rms=rms if 0.0 < rms < float("inf") else None,
+        uncertainty=_uncertainty(data),
+    )  # fmt: skip
+
+
+def _uncertainty(data: Mapping[str, Any]) -> tuple[tuple[str, ...], FloatArray] | None:
+    """The covariance of the estimates; None where the file does not tell."""
+    try:
+        names = tuple(map(str, data["correlation"]["names"]))
+        matrix = np.array(data["correlation"]["matrix"], dtype=float)
+        size = np.array([data["parameters"][n]["std"] for n in names], dtype=float)
+        covariance = matrix * np.outer(size, size)
+    except (KeyError, TypeError, ValueError):
+        return None
+    return (names, covariance) if covariance.shape == (len(names), len(names)) else None
 
 
 def _sampling(data: Mapping[str, Any]) -> tuple[float, float, float] | None:

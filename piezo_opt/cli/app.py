@@ -28,6 +28,7 @@ from piezo_opt.cli.report import report
 from piezo_opt.cli.signal_best import signal
 from piezo_opt.cli.simulate import simulate
 from piezo_opt.cli.study import study
+from piezo_opt.cli.tune import tune
 from piezo_opt.errors import PiezoOptError
 
 __all__ = ["app", "main"]
@@ -121,6 +122,7 @@ app.add_typer(study)
 app.add_typer(export)
 app.add_typer(fem)
 app.add_typer(signal)
+app.add_typer(tune)
 
 
 def main() -> None:

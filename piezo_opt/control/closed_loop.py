@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piezo_opt.control.plant import Plant
 from piezo_opt.errors import InputError
+from piezo_opt.units import show
 
 FloatArray = NDArray[np.float64]
 
@@ -44,6 +45,15 @@ class Limits:
                 f"limits {self.low} .. {self.high} V, {self.slew} V/s: the lower one is below the "
                 "upper one, and the slew rate is positive"
             )
+
+    def told(self) -> str:
+        """The range, and the slew rate where there is one."""
+        slew = "" if self.slew == float("inf") else f" at {show(self.slew, 'V/s')} at most"
+        return f"{self.low:g} .. {self.high:g} V{slew}"
+
+    def to_dict(self) -> dict[str, float]:
+        """SI units."""
+        return {"low": self.low, "high": self.high, "slew": self.slew}
 
 
 @final
@@ -160,7 +170,7 @@ def close_loop(
 
     Raises:
         InputError: no period, a reference that is not finite, fewer than two samples, a negative
-            noise, resolution or delay, or a controller whose drive is no finite number.
+            noise, resolution or delay, or a drive or position that is no finite number.
 
     Returns:
         the loop at its N samples.
@@ -195,10 +205,11 @@ def close_loop(
         low = max(held.low, before - held.slew * period)
         high = min(held.high, before + held.slew * period)
         asked, state = controller.act(state, float(wanted[k]), float(reading[k]), period, low, high)
-        if not np.isfinite(asked):
+        if not np.isfinite(asked) or not np.isfinite(position[k]):
             raise InputError(
-                f"The controller's drive is {asked} at {time[k]:g} s: the loop is unstable, or the "
-                "controller cannot take this reading."
+                f"At {time[k]:g} s the controller's drive is {asked} V and the position "
+                f"{position[k]} m: the loop is unstable, or the controller cannot take this "
+                "reading."
             )
         waiting.append(min(max(asked, low), high))
         acting = waiting.pop(0)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final, final
+from dataclasses import asdict, dataclass
+from math import isfinite
+from typing import Any, ClassVar, Final, final
 
 import casadi as ca
 import control
@@ -37,11 +38,16 @@ class PID:
         kp: [V/m], ki: [V/(m s)], kd: [V s/m].
         tau: time constant of the derivative's filter [s].
 
+    A reference or reading that is no number is passed over: the error stays what it was, and
+    nothing is integrated.
+
     Raises:
         InputError: a gain or time that is negative or no number.
 
     Source: Astrom & Hagglund (2006), Advanced PID Control, chs. 2, 3 and 13.
     """
+
+    kind: ClassVar[str] = "pid"
 
     kp: float
     ki: float = 0.0
@@ -64,6 +70,9 @@ class PID:
     ) -> tuple[float, PIDState]:  # fmt: skip
         """The drive [V] within its limits, and what is remembered for the next sample."""
         error = reference - reading
+        if not isfinite(error):
+            kept = self.kp * (state.error or 0.0) + state.integral + self.kd * state.slope
+            return min(max(kept, low), high), state
         last = error if state.error is None else state.error
         slope = (self.tau * state.slope + (error - last)) / (self.tau + period)
         gained = self.ki * period * (error + last) / 2.0
@@ -71,6 +80,18 @@ class PID:
         drive = min(max(wanted, low), high)
         back = min(max(wanted - drive, min(gained, 0.0)), max(gained, 0.0))
         return drive, PIDState(state.integral + gained - back, slope, error)
+
+    def told(self) -> str:
+        """The law and its gains."""
+        return (
+            "PID, u = kp e + ki int e + kd de/dt with e filtered over tau:\n"
+            f"kp {self.kp:.5g} V/m, ki {self.ki:.5g} V/(m s), kd {self.kd:.5g} V s/m, tau "
+            f"{self.tau:.3g} s"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Gains, SI units."""
+        return {"kind": self.kind, **asdict(self)}
 
     def transfer_function(self, period: float) -> control.TransferFunction:
         """From the error to the drive, sampled at a period [s], away from the limits."""

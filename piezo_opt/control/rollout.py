@@ -94,7 +94,7 @@ class Setting:
 @final
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A loop and its derivatives by g gains: position, drive (N,); their slopes (N, g)."""
+    """A loop and its derivatives along d directions: position, drive (N,); their slopes (N, d)."""
 
     position: FloatArray
     drive: FloatArray
@@ -109,20 +109,28 @@ class Rollout:
     Args:
         system: the model's equations.
         law: the controller.
+        directions: of the gains, along which there are derivatives.
     """
 
-    def __init__(self, system: System, law: Law) -> None:
-        self.system, self.law = system, law
-        self._bare = _library(system, law, law.recipe, False)
-        self._whole = _library(system, law, law.recipe, True)
+    def __init__(self, system: System, law: Law, directions: int) -> None:
+        self.system, self.law, self.directions = system, law, directions
+        self._bare = _library(system, law, law.recipe, 0)
+        self._whole = _library(system, law, law.recipe, directions)
         self._fastest: dict[bytes, float] = {}
 
     def run(
-        self, p: FloatArray, gains: FloatArray, setting: Setting, *, slopes: bool = True
+        self, p: FloatArray, gains: FloatArray, setting: Setting, seeds: FloatArray | None = None
     ) -> Run:
-        """One loop, with or without derivatives; not finite where it diverges."""
-        n, g, nx = setting.reference.size, gains.size, len(self.system.state_names)
-        library, nd = (self._whole, g) if slopes else (self._bare, 1)
+        """One loop; not finite where it diverges.
+
+        Args:
+            p: the model's parameters.
+            gains: (g,) of the law.
+            setting: what it is asked to do.
+            seeds: (g, d) how the gains move along each direction; without them no derivatives.
+        """
+        n, nx = setting.reference.size, len(self.system.state_names)
+        library, nd = (self._bare, 1) if seeds is None else (self._whole, self.directions)
         known = p.tobytes()
         if known not in self._fastest:
             self._fastest[known] = fastest_pole(self.system, p, setting.drive)
@@ -137,53 +145,69 @@ class Rollout:
         waiting = np.zeros((setting.delay + 2) * (1 + nd))
         given = [
             np.ascontiguousarray(a, dtype=float)
-            for a in (setting.reference, setting.disturbance, setting.noise, limits, p, gains)
-        ]
+            for a in (
+                setting.reference, setting.disturbance, setting.noise, limits, p, gains,
+                np.zeros(1) if seeds is None else seeds,
+            )
+        ]  # fmt: skip
         library.po_run(
             n, setting.delay, setting.period, setting.drive, steps.rise, steps.held,
             *(a.ctypes.data for a in (*given, x, waiting, *outputs)),
         )  # fmt: skip
+        if seeds is None:
+            outputs[2:] = [np.zeros((n, self.directions))] * 2
         return Run(*outputs)
 
 
 @lru_cache(maxsize=64)
 @one_at_a_time
-def _library(system: System, law: Law, recipe: str, slopes: bool) -> ctypes.CDLL:
+def _library(system: System, law: Law, recipe: str, directions: int) -> ctypes.CDLL:
     library = load(
-        f"rollout {SOURCE} {_OWN} {recipe} {slopes} {system.recipe}",
-        lambda _: _text(system, law, slopes),
+        f"rollout {SOURCE} {_OWN} {recipe} {directions} {system.recipe}",
+        lambda _: _text(system, law, directions),
     )
     if library is None:
         raise needs_compiler("Tuning a controller")
     library.po_run.argtypes = [
         ctypes.c_long, ctypes.c_long, ctypes.c_double, ctypes.c_double, ctypes.c_long,
-        ctypes.c_long, *[ctypes.c_void_p] * 12,
+        ctypes.c_long, *[ctypes.c_void_p] * 13,
     ]  # fmt: skip
     library.po_run.restype = None
     return library
 
 
-def _text(system: System, law: Law, slopes: bool) -> str:
-    """C text of the loop."""
+def _text(system: System, law: Law, nd: int) -> str:
+    """C text of the loop with derivatives along so many directions."""
     ng, nm = len(law.gains), law.memory
-    nd = ng if slopes else 0
     memory, gains = ca.SX.sym("m", nm), ca.SX.sym("g", ng)
     before, y, r, period, low, high, slew = (
         ca.SX.sym(k) for k in ("before", "y", "r", "T", "low", "high", "slew")
     )
     seed_m = ca.SX.sym("M", nm * nd)
-    seed_b, seed_y = ca.SX.sym("B", nd), ca.SX.sym("Y", nd)
+    seed_b, seed_y, seed_g = ca.SX.sym("B", nd), ca.SX.sym("Y", nd), ca.SX.sym("G", ng * nd)
     least = ca.fmax(low, before - slew * period)
     most = ca.fmin(high, before + slew * period)
     asked, after = law.act(memory, r, y, period, least, most, gains)
     drive = ca.fmin(ca.fmax(asked, least), most)
     by = ca.vertcat(memory, before, y, gains)
     seeds = ca.vertcat(
-        ca.reshape(seed_m, nd, nm).T, seed_b.T, seed_y.T, ca.DM.eye(ng)[:, :nd]
+        ca.reshape(seed_m, nd, nm).T, seed_b.T, seed_y.T, ca.reshape(seed_g, nd, ng).T
     )  # fmt: skip
     act = ca.Function(
         "act",
-        [memory, seed_m, before, seed_b, y, seed_y, r, period, ca.vertcat(low, high, slew), gains],
+        [
+            memory,
+            seed_m,
+            before,
+            seed_b,
+            y,
+            seed_y,
+            r,
+            period,
+            ca.vertcat(low, high, slew),
+            gains,
+            seed_g,
+        ],
         [drive, along(drive, by, seeds), ca.densify(after), along(after, by, seeds)],
     )
     sizes: Mapping[str, int] = {
@@ -198,8 +222,8 @@ def _text(system: System, law: Law, slopes: bool) -> str:
 _LOOP: Final = """
 void po_run(long n, long delay, double T, double rest, long rise, long held, const double *r,
             const double *added, const double *noise, const double *limits, const double *p,
-            const double *g, double *x, double *waiting, double *position, double *drive,
-            double *position_by, double *drive_by) {
+            const double *g, const double *G, double *x, double *waiting, double *position,
+            double *drive, double *position_by, double *drive_by) {
   const long wide = 1 + @ND;
   double X[@NX * @ND] = {0.0}, memory[@NM] = {0.0}, MEMORY[@NM * @ND] = {0.0};
   double before[1 + @ND] = {0.0}, acting[1 + @ND] = {0.0}, y[1 + @ND] = {0.0};
@@ -211,7 +235,7 @@ void po_run(long n, long delay, double T, double rest, long rise, long held, con
     for (int d = 0; d < @ND; ++d) position_by[k * @ND + d] = y[1 + d];
     const double seen = position[k] + noise[k];
     double *slot = waiting + (k % (delay + 1)) * wide, next[1 + @ND];
-    act(memory, MEMORY, before, before + 1, &seen, y + 1, r + k, &T, limits, g, next, next + 1,
+    act(memory, MEMORY, before, before + 1, &seen, y + 1, r + k, &T, limits, g, G, next, next + 1,
         memory, MEMORY);
     /* With a delay of d periods, what is asked now acts d samples later. */
     const double was = acting[0];

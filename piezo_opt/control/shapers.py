@@ -160,6 +160,8 @@ def insensitivity(shaper: Shaper, omega: float, zeta: float, vibration: float = 
     def above(share: float) -> float:
         return shaper.vibration(share * omega, zeta) - vibration * (1.0 + 1e-9)
 
+    if above(1.0) > 0.0:
+        return 0.0
     grid = np.linspace(0.0, 1.0, 2001)[1:]
     edges = []
     for sign in (-1.0, 1.0):

@@ -18,8 +18,10 @@ from piezo_opt.control import (
     tune_pid,
 )
 from piezo_opt.control.cost import integral, variation
+from piezo_opt.control.identified import identified
+from piezo_opt.control.loop_program import Asked, LoopProgram
 from piezo_opt.control.pid import PIDLaw
-from piezo_opt.control.pid_program import Asked, PIDProgram
+from piezo_opt.control.pid_family import PIDFamily
 from piezo_opt.control.plant import system_of
 from piezo_opt.control.quadratic import solve
 from piezo_opt.control.rollout import Rollout, Setting
@@ -53,12 +55,12 @@ def fit() -> po.Fit:
 )
 def test_the_compiled_loop_is_the_loop_and_its_slopes_are_exact(limits: Limits, delay: int) -> None:
     system, p = system_of(STACK, VALUES)
-    rollout = Rollout(system, PIDLaw())
+    rollout = Rollout(system, PIDLaw(), 4)
     n, gains = 400, np.array([5e6, 20e6, 0.1e6, 0.01])
     reference = np.full(n, 10e-6)
     noise = 1e-8 * np.random.default_rng(1).normal(size=n)
     setting = Setting(reference, PERIOD, limits, delay, np.full(n, 1e-7), noise)
-    run = rollout.run(p, gains, setting)
+    run = rollout.run(p, gains, setting, np.eye(4))
     loop = close_loop(
         ModelPlant(STACK, VALUES), PID(*gains), reference, period=PERIOD, limits=limits,
         delay=delay, noise=1e-8, seed=1, disturbance=1e-7,
@@ -68,7 +70,7 @@ def test_the_compiled_loop_is_the_loop_and_its_slopes_are_exact(limits: Limits, 
     for i in range(4):
         step = np.zeros(4)
         step[i] = 1e-6 * gains[i]
-        ends = [rollout.run(p, gains + s * step, setting, slopes=False) for s in (1.0, -1.0)]
+        ends = [rollout.run(p, gains + s * step, setting) for s in (1.0, -1.0)]
         for slope, value in (("position_by", "position"), ("drive_by", "drive")):
             by = (getattr(ends[0], value) - getattr(ends[1], value)) / (2.0 * step[i])
             size = np.abs(by).max()
@@ -157,13 +159,16 @@ def test_robustness_is_calibrated(fit: po.Fit) -> None:
         (step,), PERIOD, WIDE, 0, Criterion.IAE, 0.0, 0.02, None, 1.6, 0.0, 0.0, 1, 0.0
     )  # fmt: skip
     fresh = scenarios(fit, 500, seed=77)
-    program = PIDProgram(fit, fit.model, None, fresh, asked)
-    share = float(np.mean(program.violated(robust.controller) > 1e-4))
+    numbers = identified(fit).numbers
+    fresh_numbers = [identified(fit, f).numbers for f in fresh]
+    program = LoopProgram(fit.model, numbers, fresh_numbers, asked, PIDFamily)
+    unknowns = program.family.unknowns
+    share = float(np.mean(program.violated(unknowns(robust.controller)) > 1e-4))
     assert share == pytest.approx(robust.violating, abs=0.03)
     # Without scenarios the design stands on the limit, and about half of the draws are beyond it.
     lone = tune_pid(fit, step, period=PERIOD, limits=WIDE, overshoot=0.02, peak=1.6)
-    assert float(np.mean(program.violated(lone.controller) > 1e-4)) > 0.2
-    assert "8 scenarios" in str(robust)
+    assert float(np.mean(program.violated(unknowns(lone.controller)) > 1e-4)) > 0.2
+    assert "8 actuators" in str(robust)
     again = np.array([list(v.values()) for v in scenarios(fit, 2000, seed=77)])
     names = list(fit.values)
     index = [names.index(n) for n in fit.names]

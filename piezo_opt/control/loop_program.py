@@ -1,40 +1,104 @@
-"""The nonlinear program of a PID: cost, constraints and their exact slopes by the gains."""
+"""The nonlinear program of a controller in its loop: cost, constraints and their exact slopes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Any, Final, Protocol, TypeAlias, final
 
 import control
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_opt.assembly import assemble
 from piezo_opt.control.closed_loop import ClosedLoop, Limits, close_loop
 from piezo_opt.control.cost import Criterion, integral, variation
 from piezo_opt.control.linearise import linearise
 from piezo_opt.control.margins import frequencies, response, sampled
-from piezo_opt.control.pid import PID, PIDLaw
 from piezo_opt.control.plant import ModelPlant, system_of
-from piezo_opt.control.rollout import Rollout, Run, Setting
+from piezo_opt.control.rollout import Law, Rollout, Run, Setting
 from piezo_opt.control.sqp import Valued
 from piezo_opt.effects import Model
 from piezo_opt.errors import InputError
-from piezo_opt.identification import Fit
 from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
+Matrices: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""A, B, C, D of a sampled system with one input and one output."""
 
-_WIDE: Final = np.log(1e5)
-"""Half width of the search in the logarithm of each gain around its scale."""
 _CALM: Final = 3.0
 """Sensitivity peak from which on a start is taken back: beyond, a loop rings."""
 _HALVINGS: Final = 60
-"""Of the gains, before it is said that no start is stable: 1e-18 of them."""
+"""Times that a start is made softer, before it is said that none is stable."""
 _PEAKS: Final = 3
 """Of the sensitivity that are bounded: a loop with one resonance has one below it, one above it and
 one at the highest frequencies."""
+_STEP: Final = 1e-5
+"""Of a central difference of the controller's own response, a rational function."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """A plant for small motions, as a family of controllers begins with it.
+
+    Attributes:
+        continuous: the plant.
+        sampled: A, B, C between drive and reading at the instants of sampling, delay included.
+        period: [s].
+        delay: whole periods.
+        gain: of the plant at rest [m/V].
+        rest: reading at rest without a drive [m].
+    """
+
+    continuous: control.StateSpace
+    sampled: tuple[FloatArray, FloatArray, FloatArray]
+    period: float
+    delay: int
+    gain: float
+    rest: float
+
+
+class Family(Protocol):
+    """Controllers of one kind, as a function of unknowns theta (t,)."""
+
+    @property
+    def law(self) -> Law:
+        """In the symbols of a program."""
+        ...
+
+    @property
+    def low(self) -> FloatArray:
+        """(t,) lower bounds."""
+        ...
+
+    @property
+    def high(self) -> FloatArray:
+        """(t,) upper bounds."""
+        ...
+
+    def gains(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(g,) gains of the law, and their slopes (g, t)."""
+        ...
+
+    def linear(self, gains: FloatArray) -> Matrices:
+        """The controller from the error to the drive, away from the limits."""
+        ...
+
+    def guesses(self) -> tuple[FloatArray, ...]:
+        """Where to begin."""
+        ...
+
+    def softer(self, theta: FloatArray) -> FloatArray:
+        """Gains of about half the size."""
+        ...
+
+    def unknowns(self, given: Any) -> FloatArray:
+        """Of what a user gives as a start."""
+        ...
+
+    def controller(self, theta: FloatArray) -> Any:
+        """The controller of unknowns."""
+        ...
 
 
 @final
@@ -58,53 +122,60 @@ class Asked:
 
 
 @final
-class PIDProgram:
-    """Cost and constraints over the logarithms of kp, ki, kd, tau in units of the plant's.
+class LoopProgram:
+    """Cost and constraints over the unknowns of a family of controllers.
 
     Args:
-        plant: what is controlled, ``model`` without its delay, ``values`` of the user's.
-        draws: scenarios; without them the plant's own values are the only one.
+        model: what is controlled, without its delay.
+        numbers: a value for every parameter of it.
+        draws: the same of scenarios; without them the plant's own values are the only one.
         asked: the task.
+        family: makes the family for the plant.
+
+    Raises:
+        InputError: the position does not follow the drive, or falls with it; a reference that asks
+            for nothing.
     """
 
     def __init__(
-        self, plant: Fit | Model, model: Model, values: Mapping[str, float] | None,
-        draws: Sequence[Values], asked: Asked,
+        self, model: Model, numbers: Values, draws: Sequence[Values], asked: Asked,
+        family: Callable[[Linear], Family],
     ) -> None:  # fmt: skip
-        known = plant.values.of_record(0) if isinstance(plant, Fit) else Values()
-        self.numbers: Mapping[str, float] = {
-            k: v for k, v in {**known, **(values or {})}.items() if k in model.parameters
-        }
-        self.asked, self.model, self.simulations = asked, model, 0
-        system, own = system_of(model, self.numbers)
-        nominal = Values.nominal(model)
-        sets = [nominal.with_({**d.of_record(0), **(values or {})}) for d in draws]
-        self._p = [s.vector(system.parameter_names) for s in sets] or [own]
-        self._rollout = Rollout(assemble(model, {}), PIDLaw())
-        self._settings = tuple(self._setting(k, r) for k, r in enumerate(asked.references))
-        known_as = [*sets] or [Values(self.numbers)]
-        linear = [linearise(model, s, at=asked.at) for s in known_as]
+        self.numbers, self.asked, self.model, self.simulations = numbers, asked, model, 0
+        sets = [*draws] or [numbers]
+        system, _ = system_of(model, numbers)
+        self._p = [s.vector(system.parameter_names) for s in sets]
+        linear = [linearise(model, s, at=asked.at) for s in sets]
+        own = linear[0] if not draws else linearise(model, numbers, at=asked.at)
         self._matrices = [sampled(one, asked.period, asked.delay) for one in linear]
         self._turn = np.exp(1j * frequencies(asked.period) * asked.period)
         self._responses = np.array([response(one, self._turn) for one in self._matrices])
-        self._slowest = _slowest(linear[0])
-        gain = float(np.asarray(linear[0].dcgain()).real.ravel()[0])
+        gain = float(np.asarray(own.dcgain()).real.ravel()[0])
         if not np.isfinite(gain) or gain == 0.0:
             raise InputError("The position does not follow the drive: there is nothing to tune.")
         if gain < 0.0:
             raise InputError(
-                "The position falls with the drive, and a PID takes gains from 0 on: turn the sign "
-                "of the drive round."
+                "The position falls with the drive, and a controller takes gains from 0 on: turn "
+                "the sign of the drive round."
             )
         for one in asked.references:
             if asked.overshoot is not None and one[-1] == one[0]:
                 raise InputError("A reference that ends where it began has no overshoot to bound.")
             if not one.any() and not np.any(asked.disturbance) and not asked.noise:
                 raise InputError("A reference that is zero throughout asks for nothing.")
-        t = asked.period
-        self.scale = np.array([1.0 / gain, 1.0 / (gain * t), t / gain, t])
-        self.low = np.array([-_WIDE, -_WIDE, -_WIDE, np.log(0.1)])
-        self.high = np.array([_WIDE, _WIDE, _WIDE, np.log(1e3)])
+        self.family = family(
+            Linear(
+                own,
+                sampled(own, asked.period, asked.delay),
+                asked.period,
+                asked.delay,
+                gain,
+                ModelPlant(model, numbers).begin(0.0),
+            )
+        )
+        self._size = self.family.low.size
+        self._rollout = Rollout(system, self.family.law, self._size)
+        self._settings = tuple(self._setting(k, r) for k, r in enumerate(asked.references))
         spans = [float(np.ptp(r)) or float(np.abs(r).max()) or 1.0 for r in asked.references]
         self._unit = self._units(spans)
         self._volt = max(spans) / gain
@@ -127,43 +198,34 @@ class PIDProgram:
             Criterion.ITAE: size * seconds**2 / 2.0,
         }[self.asked.criterion]
 
-    def guesses(self) -> tuple[FloatArray, ...]:
-        """Unknowns of two starts: a slow integral, and zeros on the plant's slowest two poles.
-
-        u = k int (e + 2 zeta e' / omega + e'' / omega^2),  k = 1 / (4 (1 + delay) T d)
-        """
-        reach, t = 4.0 * (1.0 + self.asked.delay), self.asked.period
-        slow = np.array([0.1, 1.0, 0.01, reach]) / reach
-        twice, square = self._slowest
-        lead = np.array([max(twice / t, 0.1), 1.0, max(square / t**2, 0.01), reach]) / reach
-        return tuple(
-            np.clip(np.log(one), self.low, self.high) for one in (slow, lead)
-        )  # fmt: skip
-
-    def unknowns(self, controller: PID) -> FloatArray:
-        """Of given gains; what is zero there begins at the bound."""
-        gains = np.array([controller.kp, controller.ki, controller.kd, controller.tau])
-        with np.errstate(divide="ignore"):
-            return np.asarray(np.clip(np.log(gains / self.scale), self.low, self.high))
-
-    def controller(self, theta: FloatArray) -> PID:
-        """The PID of unknowns."""
-        return PID(*(self.scale * np.exp(theta)).tolist())
-
     def stable(self, theta: FloatArray) -> FloatArray:
-        """The same gains, halved until every scenario's linear loop is stable and calm.
+        """The same controller, made softer until every scenario's linear loop is stable and calm.
 
         Raises:
             InputError: none is.
         """
         for _ in range(_HALVINGS):
-            gains = self.scale * np.exp(theta)
+            gains, _ = self.family.gains(theta)
             if self._steady(gains):
                 height = self._peaks(gains)[0].max()
                 if height <= max(_CALM, self.asked.peak or 0.0):
                     return theta
-            theta = theta - np.array([1.0, 1.0, 1.0, 0.0]) * np.log(2.0)
+            theta = np.clip(self.family.softer(theta), self.family.low, self.family.high)
         raise InputError("No gains were found for which the loop is stable: the plant is not.")
+
+    @property
+    def low(self) -> FloatArray:
+        """Lower bounds of the unknowns."""
+        return self.family.low
+
+    @property
+    def high(self) -> FloatArray:
+        """Upper bounds of the unknowns."""
+        return self.family.high
+
+    def transfer(self, theta: FloatArray) -> control.StateSpace:
+        """The controller from the error to the drive, sampled."""
+        return control.ss(*self.family.linear(self.family.gains(theta)[0]), self.asked.period)
 
     def bare(self, theta: FloatArray) -> Valued | None:
         """Cost and constraints as :meth:`evaluate` gives them, all slopes zero."""
@@ -171,69 +233,62 @@ class PIDProgram:
 
     def evaluate(self, theta: FloatArray, *, slopes: bool = True) -> Valued | None:
         """Cost, constraints and slopes; None where a linearised loop is unstable."""
-        gains = self.scale * np.exp(theta)
+        gains, by_theta = self.family.gains(theta)
         if not self._steady(gains):
             return None
+        seeds, size = by_theta if slopes else None, self._size
         a, n = self.asked, len(self._p) * len(self._settings)
-        cost, slope, hessian = 0.0, np.zeros(4), np.zeros((4, 4))
+        cost, slope, hessian = 0.0, np.zeros(size), np.zeros((size, size))
         rows: list[tuple[float, FloatArray]] = []
         for p in self._p:
             for setting, unit in zip(self._settings, self._unit, strict=True):
-                run = self._rollout.run(p, gains, setting, slopes=slopes)
+                run = self._rollout.run(p, gains, setting, seeds)
                 self.simulations += 1
-                error, by = setting.reference - run.position, -run.position_by * gains
+                error, by = setting.reference - run.position, -run.position_by
                 value, outer = integral(a.criterion, error, a.period)
                 cost += value / unit / n
                 slope += outer @ by / unit / n
                 weight = np.abs(outer) / np.maximum(np.abs(error), 0.05 * np.mean(np.abs(error)))
                 hessian += by.T @ (weight[:, np.newaxis] * by) / unit / n
                 if a.effort:
-                    size = setting.reference.size * self._volt**2
+                    whole = setting.reference.size * self._volt**2
                     moved, moves = variation(run.drive, setting.drive)
-                    cost += a.effort * moved / size / n
-                    slope += a.effort * moves @ (run.drive_by * gains) / size / n
-                rows += self._limited(run, setting, gains)
+                    cost += a.effort * moved / whole / n
+                    slope += a.effort * moves @ run.drive_by / whole / n
+                rows += self._limited(run, setting)
         if a.peak is not None:
-            heights, steeps = self._peaks(gains)
+            heights, steeps = self._peaks(gains, seeds)
             rows += [
                 (h / a.peak - 1.0, s / a.peak)
-                for h, s in zip(heights.ravel(), steeps.reshape(-1, 4), strict=True)
+                for h, s in zip(heights.ravel(), steeps.reshape(-1, size), strict=True)
             ]
         bound = np.array([v for v, _ in rows])
-        bounds = np.array([s for _, s in rows]).reshape(-1, 4)
+        bounds = np.array([s for _, s in rows]).reshape(-1, size)
         # The logarithm of a cost that spans decades is nearly linear in those of the gains.
-        slope, hessian = slope / cost, hessian / cost + 1e-6 * np.eye(4)
+        slope, hessian = slope / cost, hessian / cost + 1e-6 * np.eye(size)
         return Valued(float(np.log(cost)), slope, bound, bounds, hessian)
 
-    def _limited(
-        self, run: Run, setting: Setting, gains: FloatArray
-    ) -> list[tuple[float, FloatArray]]:  # fmt: skip
+    def _limited(self, run: Run, setting: Setting) -> list[tuple[float, FloatArray]]:
         """Overshoot and drive of one loop above what is allowed, relative, with their slopes."""
         a, rows = self.asked, []
         if a.overshoot is not None:
             goal = setting.reference[-1]
             step = goal - run.position[0]
             k = int(np.argmax((run.position - goal) / step))
-            rows.append(
-                ((run.position[k] - goal) / step - a.overshoot, run.position_by[k] * gains / step)
-            )
+            rows.append(((run.position[k] - goal) / step - a.overshoot, run.position_by[k] / step))
         if a.drive is not None:
             k = int(np.argmax(run.drive))
-            rows.append((run.drive[k] / a.drive - 1.0, run.drive_by[k] * gains / a.drive))
+            rows.append((run.drive[k] / a.drive - 1.0, run.drive_by[k] / a.drive))
         return rows
 
-    def _peaks(self, gains: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The highest sensitivity peaks (S, k) of the scenarios, and their slopes (S, k, 4).
+    def _peaks(
+        self, gains: FloatArray, seeds: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+        """The highest sensitivity peaks (S, k) of the scenarios, and their slopes (S, k, t).
 
         Several of each: where two are as high, the highest alone would have a corner.
         """
-        kp, ki, kd, tau = gains
-        t, z = self.asked.period, self._turn
-        whole = t / 2.0 * (z + 1.0) / (z - 1.0)
-        change = (z - 1.0) / ((tau + t) * z - tau)
-        # d/dtau of (z - 1)/((tau + T) z - tau) is -change^2.
-        by = np.array([np.ones_like(z), whole, change, -kd * change * change])
-        law = kp + ki * whole + kd * change
+        law = _response(self.family.linear(gains), self._turn)
         away = 1.0 / (1.0 + self._responses * law)
         size = np.abs(away)
         padded = np.pad(size, ((0, 0), (1, 1)), constant_values=-1.0)
@@ -241,41 +296,43 @@ class PIDProgram:
         at = np.argsort(-tops, axis=1)[:, :_PEAKS]
         rows = np.arange(at.shape[0])[:, np.newaxis]
         there, plant = away[rows, at], self._responses[rows, at]
-        moved = -(there * there * plant)[..., np.newaxis] * by[:, at].transpose(1, 2, 0)
-        slopes = np.real(np.conj(there)[..., np.newaxis] * moved) / np.abs(there)[..., np.newaxis]
-        return np.abs(there), slopes * gains
+        steeps = np.zeros((*at.shape, self._size))
+        if seeds is not None:
+            z = self._turn[at].ravel()
+            for k, step in enumerate(_STEP * seeds.T):
+                up, down = (
+                    _response(self.family.linear(gains + s * step), z).reshape(at.shape)
+                    for s in (1.0, -1.0)
+                )
+                moved = -(there * there * plant) * (up - down) / (2.0 * _STEP)
+                steeps[..., k] = np.real(np.conj(there) * moved) / np.abs(there)
+        return np.abs(there), steeps
 
     def _steady(self, gains: FloatArray) -> bool:
         """Whether every scenario's linearised loop has its poles inside the unit circle."""
-        kp, ki, kd, tau = gains
-        t = self.asked.period
-        half, hold = ki * t / 2.0, tau + t
-        # Memory: integral, slope, last error.
-        inner = np.array([[1.0, 0.0, half], [0.0, tau / hold, -1.0 / hold], [0.0, 0.0, 0.0]])
-        into = np.array([half, 1.0 / hold, 1.0])
-        out = np.array([1.0, kd * tau / hold, half - kd / hold])
-        through = kp + half + kd / hold
+        if not np.isfinite(gains).all():
+            return False
+        inner, into, out, through = self.family.linear(gains)
         for a, b, c in self._matrices:
-            whole = np.block([[a - through * b @ c, b * out], [-into[:, np.newaxis] @ c, inner]])
+            whole = np.block([[a - b @ through @ c, b @ out], [-into @ c, inner]])
             if np.abs(np.linalg.eigvals(whole)).max() >= 1.0:
                 return False
         return True
 
     def in_units(self, theta: FloatArray) -> float:
         """The criterion's mean over references and scenarios, in its own units."""
-        gains, a = self.scale * np.exp(theta), self.asked
+        (gains, _), a = self.family.gains(theta), self.asked
         values = [
             integral(a.criterion, s.reference - run.position, a.period)[0]
             for p in self._p
             for s in self._settings
-            for run in [self._rollout.run(p, gains, s, slopes=False)]
+            for run in [self._rollout.run(p, gains, s)]
         ]
         return float(np.mean(values))
 
-    def violated(self, gains: PID) -> FloatArray:
+    def violated(self, theta: FloatArray) -> FloatArray:
         """(S,) the largest relative violation in each scenario; below 0 where all hold."""
-        theta = self.unknowns(gains)
-        at = self.evaluate(theta)
+        at = self.bare(theta)
         if at is None:
             return np.ones(len(self._p))
         scenarios = len(self._p)
@@ -285,7 +342,7 @@ class PIDProgram:
         rows.append(at.constraints[split:].reshape(scenarios, -1))
         return np.asarray(np.hstack(rows).max(axis=1, initial=-1.0))
 
-    def loops(self, controller: PID) -> tuple[ClosedLoop, ...]:
+    def loops(self, controller: Any) -> tuple[ClosedLoop, ...]:
         """The loop on each reference, sample by sample, with the plant's own values."""
         a = self.asked
         return tuple(
@@ -298,13 +355,6 @@ class PIDProgram:
         )  # fmt: skip
 
 
-def _slowest(system: control.StateSpace) -> tuple[float, float]:
-    """(2 zeta / omega, 1 / omega^2) of (1 + ...) with the two slowest poles of a plant.
-
-    One pole gives (1 / |p|, 0), none (0, 0); poles at the origin are left out.
-    """
-    poles = np.asarray(system.poles())
-    poles = poles[np.abs(poles) > 0.0]
-    poles = poles[np.argsort(np.abs(poles))][:2]
-    slow = -1.0 / poles
-    return float(slow.sum().real), float(np.prod(slow).real) if slow.size == 2 else 0.0
+def _response(law: Matrices, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """C (z - A)^-1 B + D at points z."""
+    return np.asarray(response(law[:3], z) + law[3][0, 0])

@@ -1,0 +1,52 @@
+"""``piezo-opt tune shaper``: which input shaper for a fitted actuator."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from piezo_opt.cli.groups import grouped
+from piezo_opt.cli.telling import telling
+from piezo_opt.cli.tuning import Actuator, Result, tune
+
+
+@tune.command()
+@grouped
+def shaper(
+    fit: Actuator, result: Result,
+    allowed: Annotated[
+        float, typer.Option(metavar="0.05", help="Share of the swinging that may stay.")
+    ] = 0.05,
+    delay: Annotated[
+        str | None, typer.Option(metavar="'5 ms'", help="Longest of the robust shaper; ZVD's else.")
+    ] = None,
+    spread: Annotated[
+        float,
+        typer.Option(metavar="0.02", help="Further doubt about frequencies, as a share (a load)."),
+    ] = 0.0,
+    scenarios: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Actuators to design on.")
+    ] = 60,
+    seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0,
+) -> None:  # fmt: skip
+    """Compare shapers on the actuators that the record allows, and say which to take.
+
+    \b
+    Examples:
+      piezo-opt tune shaper fit.json
+      piezo-opt tune shaper fit.json --spread 0.03 --allowed 0.02 --picture shaper.png
+    """
+    from piezo_opt.control import tune_shaper
+    from piezo_opt.report.control import shapers
+
+    result.check(fit)
+    with telling("Shaper") as tell:
+        found = tune_shaper(
+            fit, allowed=allowed, delay=delay, spread=spread, scenarios=scenarios, seed=seed,
+            progress=tell,
+        )  # fmt: skip
+    result.deliver(
+        str(found), {**found.to_dict(), "plant": {"source": fit.name}},
+        None if result.picture is None else shapers(found),
+    )  # fmt: skip

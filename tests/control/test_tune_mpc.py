@@ -1,0 +1,40 @@
+"""Horizon, weight and filter of a predictive controller are found, and what cannot be is said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import piezo_opt as po
+from piezo_opt.control import close_loop
+from piezo_opt.errors import InputError
+from tests.control.test_tune_lqr import LIMITS, PERIOD, SAW, STAGE, VALUES
+
+
+def test_the_design_is_better_than_where_it_began() -> None:
+    found = po.tune_mpc(
+        STAGE, SAW[:201], period=PERIOD, values=VALUES, limits=LIMITS, noise=5e-9
+    )  # fmt: skip
+    assert found.loops[0].rms < 12e-9
+    assert found.loops[0].rms <= min(e for _, e in found.horizons)
+    shortest = next(n for n, e in found.horizons if e <= 1.02 * min(x for _, x in found.horizons))
+    assert found.horizon == shortest
+    again = close_loop(
+        po.ModelPlant(STAGE, VALUES), found.controller, SAW[:201], period=PERIOD, limits=LIMITS,
+        noise=5e-9,
+    )  # fmt: skip
+    assert again.rms == pytest.approx(found.loops[0].rms, rel=1e-9)
+    assert "ms)" in str(found)
+    assert found.to_dict()["controller"]["horizon"] == found.horizon
+
+
+def test_what_cannot_be_is_said_at_design_time() -> None:
+    asked = {"period": PERIOD, "values": VALUES, "limits": LIMITS}
+    with pytest.raises(InputError, match="as long as the longest horizon"):
+        po.tune_mpc(STAGE, SAW, delay=80, **asked)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="as long as the horizon"):
+        po.tune_mpc(STAGE, SAW, delay=20, horizon=20, **asked)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="lower limit is below"):
+        po.tune_mpc(STAGE, SAW, stroke=(1e-6, 0.0), **asked)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="asks for nothing"):
+        po.tune_mpc(STAGE, np.zeros(50), **asked)  # type: ignore[arg-type]
