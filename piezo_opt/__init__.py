@@ -24,7 +24,7 @@ if TYPE_CHECKING:
         tune_shaper,
     )
     from piezo_opt.datasets import load, load_campaign
-    from piezo_opt.diagnosis import Diagnosis, diagnose
+    from piezo_opt.diagnosis import Diagnosis, Effort, diagnose
     from piezo_opt.effects import Effect, Model
     from piezo_opt.errors import InputError, ModelError, PiezoOptError
     from piezo_opt.export import export_arduino, export_c, export_fmu
@@ -88,6 +88,7 @@ __all__ = [
     "Diagnosis",
     "DifferentialEvolution",
     "Effect",
+    "Effort",
     "Fatrop",
     "Fit",
     "Identification",
@@ -162,7 +163,7 @@ _ROOMS: Final = {
         "tune_shaper"
     ),
     "datasets": "load load_campaign",
-    "diagnosis": "Diagnosis diagnose",
+    "diagnosis": "Diagnosis Effort diagnose",
     "effects": "Effect Model",
     "errors": "InputError ModelError PiezoOptError",
     "export": "export_arduino export_c export_fmu",

@@ -31,7 +31,7 @@ from piezo_opt.benchmark.plants import CLASSES, OUTSIDE, HiddenRecord, Level, ma
 from piezo_opt.benchmark.plants.classes import INSIDE
 from piezo_opt.benchmark.table import table
 from piezo_opt.diagnosis import diagnose
-from piezo_opt.diagnosis.held_out import error_on, rms
+from piezo_opt.diagnosis.judge import Judge
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Ending, Identification, default_model, solve
 from piezo_opt.measurement import Between, Measurement
@@ -373,11 +373,9 @@ def _judge(nothing: None, job: _Job) -> Judged:  # noqa: ARG001
             withhold=[WITHHELD[name] for name in names if name in WITHHELD],
             threads=job.threads,
             advise=False,
-            rivals=False,  # they name no effect
         )
         ended = perf_counter()
-        held_out = rms(error_on(found.final, test))
-        assert held_out is not None
+        held_out = Judge(test).error(found.final)
         return Judged(
             job.label,
             names,

@@ -30,6 +30,14 @@ class SolverName(Enum):
     IPOPT = "ipopt"
 
 
+class EffortName(Enum):
+    """What a search for missing effects may spend, by name."""
+
+    QUICK = "quick"
+    NORMAL = "normal"
+    THOROUGH = "thorough"
+
+
 class TranscriptionName(Enum):
     """Transcriptions by name."""
 

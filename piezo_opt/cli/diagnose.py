@@ -12,7 +12,7 @@ from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.candidates import Candidates, read_candidates
 from piezo_opt.cli.checking import UNANSWERED, Checking
-from piezo_opt.cli.choices import TranscriptionName
+from piezo_opt.cli.choices import EffortName, TranscriptionName
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
 from piezo_opt.cli.outputs import INTERRUPTED
@@ -21,6 +21,8 @@ from piezo_opt.cli.telling import telling
 from piezo_opt.diagnosis import Diagnosis, Stopped
 from piezo_opt.diagnosis import diagnose as examine
 from piezo_opt.diagnosis.advice import write_drives
+from piezo_opt.diagnosis.evidence import WORTH
+from piezo_opt.diagnosis.search import Effort
 from piezo_opt.effects.catalogue import effect
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Identification
@@ -53,15 +55,18 @@ def diagnose(
         typer.Option(metavar="NAME", help="Effect not to be considered; repeat for more."),
     ] = None,
     max_time: o.MaxTime = None,
-    rivals: Annotated[
-        bool | None,
+    effort: Annotated[
+        EffortName,
+        typer.Option(help="How many sets of effects are tried before it ends."),
+    ] = EffortName.NORMAL,
+    worth: Annotated[
+        float,
         typer.Option(
-            "--rivals/--no-rivals",
-            help="Compare other hysteresis laws with the model's own, always or never; by default "
-            "when more than noise is left.",
-            show_default=False,
+            metavar="NUMBER",
+            help="What an effect must explain to bear a name: without it the squares that are "
+            "left grow by at least NUMBER^2 (0.35: the error by 6 %).",
         ),
-    ] = None,
+    ] = WORTH,
     json: o.Json = None,
     report: o.Page = None,
     drives: Annotated[
@@ -78,9 +83,9 @@ def diagnose(
 ) -> None:
     """Say where the model fails, which effect is missing, and whether adding it holds.
 
-    Fits the model, scores every absent effect, adds the likeliest, and keeps it when the
-    samples that were not fitted agree: those of --test, those after --split, or else the last
-    part of the record. Ctrl-C and --max-time give the best so far, with every file that was asked
+    Fits the model, then searches the sets of effects around it for the one that explains the
+    record best for the fewest numbers. All data are fitted; --test, or what lies after --split,
+    judges the answer. Ctrl-C and --max-time give the best so far, with every file that was asked
     for; the exit code is 130 after Ctrl-C.
 
     \b
@@ -88,7 +93,7 @@ def diagnose(
       piezo-opt diagnose loop.csv --report loop.html
       piezo-opt diagnose train.csv --test other.csv --json diagnosis.json
       piezo-opt diagnose loop.csv --model mine.toml --candidates effects.py
-      piezo-opt diagnose loop.csv --rivals
+      piezo-opt diagnose loop.csv --effort thorough
       piezo-opt diagnose loop.csv --add creep --without hysteretic_force --max-time "60 s"
     """
     if test is not None and split is not None:
@@ -125,12 +130,13 @@ def diagnose(
             test=held_out,
             candidates=own.effects,
             withhold=withheld,
-            rivals=rivals,
+            effort=Effort[effort.name],
+            worth=worth,
             max_time=limit.left,
             progress=tell,
         )
     typer.echo(str(found))
-    # What the first fit left out, the ladder may have found.
+    # What the first fit left out, the search may have found.
     joined = baseline.model.quasi_static and not found.final.model.quasi_static
     for sentence in (*own.remarks, *(() if joined else remarks)):
         typer.echo(f"Remark: {sentence}")
@@ -167,7 +173,7 @@ def _judge(later: Campaign | None) -> Measurement | None:
     if later is None:
         return None
     if len(later.records) > 1:
-        raise InputError("--split takes one record: of several, the last one is held out anyway")
+        raise InputError("--split takes one record: give the one to judge on by --test")
     return later.records[0]
 
 

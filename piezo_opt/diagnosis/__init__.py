@@ -3,11 +3,13 @@
 from piezo_opt.diagnosis.diagnose import Diagnosis, Stopped, diagnose
 from piezo_opt.diagnosis.forces import Force, correction_force, forces
 from piezo_opt.diagnosis.formula import Formula
+from piezo_opt.diagnosis.search import Effort
 from piezo_opt.diagnosis.trajectory import Quantity
 from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
 
 __all__ = [
     "Diagnosis",
+    "Effort",
     "Force",
     "Formula",
     "Quantity",

@@ -9,6 +9,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Start
@@ -53,10 +54,15 @@ class BasePoint:
     Args:
         fit: the fit.
         sharp: derivatives by absent gates as exact as the fit itself, else to 0.1 %.
+        colour: of the noise; residual, Jacobian and directions are those after its filter.
     """
 
-    def __init__(self, fit: Fit, *, sharp: bool = False) -> None:
+    def __init__(self, fit: Fit, *, sharp: bool = False, colour: Colour | None = None) -> None:
         self.fit = fit
+        counted = tuple(int(record.counted.sum()) for record in fit.records)
+        self.colour = Colour.white(counted) if colour is None else colour
+        weights = fit.question.weights or (1.0,) * len(counted)
+        self._weight = np.repeat(np.sqrt(weights), counted)
         self.question = fit.question
         start = {**fit.values}
         self._unknowns = unknowns(self.question, fit.values)
@@ -71,20 +77,25 @@ class BasePoint:
         # A derivative that explodes (a state far faster than the steps) says nothing.
         sane = np.abs(point.jacobian[:m]).max(axis=0, initial=0.0) < _EXPLODED
         free = [k for k, n in enumerate(fit.names) if n not in fit.at_bound and sane[k]]
-        scaled = (point.jacobian * self._unknowns.scale)[:m, free]
+        scaled = self.colour.whitened((point.jacobian * self._unknowns.scale)[:m, free])
         norms = np.linalg.norm(scaled, axis=0)
         kept = norms > 1e-14 * norms.max(initial=0.0)
         columns = scaled[:, kept] / norms[kept]
         _, s, rows = np.linalg.svd(triangle(columns), full_matrices=False)
         seen = s > 1e-9 * s.max(initial=0.0)
         self._basis = columns @ (rows[seen].T / s[seen])
-        self.residual = self.project(-point.residual[:m])
+        self.residual = self.project(self.colour.whitened(-point.residual[:m]))
         """Measured minus modelled (M,), less what a Gauss-Newton step would still explain."""
 
     @property
     def samples(self) -> int:
         """Counted samples."""
         return self._objective.samples
+
+    @property
+    def basis(self) -> FloatArray:
+        """(M, rank) orthonormal basis of what the fitted parameters explain."""
+        return np.asarray(self._basis)
 
     @property
     def unknowns(self) -> int:
@@ -161,7 +172,7 @@ class BasePoint:
                     )
                 _, slope = simulators[key][index].with_sensitivities(numbers)
                 columns.append(slope[record.counted, 0])
-            whole = np.concatenate(columns)
+            whole = self.colour.whitened(self._weight * np.concatenate(columns))
             if not np.isfinite(whole).all():
                 continue
             found.append(Direction(dict(shapes), whole, self.project(whole)))

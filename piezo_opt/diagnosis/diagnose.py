@@ -10,27 +10,27 @@ from enum import Enum
 from typing import Any, final
 
 from piezo_opt.diagnosis.advice import Advice, experiments
-from piezo_opt.diagnosis.base_point import BasePoint
-from piezo_opt.diagnosis.held_out import HeldOut, elsewhere, hold_out, rms, worded
-from piezo_opt.diagnosis.ladder import Ladder, climb
+from piezo_opt.diagnosis.evidence import WORTH
+from piezo_opt.diagnosis.judge import Judge, worded
+from piezo_opt.diagnosis.members import law
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.diagnosis.points import Point, points
-from piezo_opt.diagnosis.rivals import Rival, in_words
-from piezo_opt.diagnosis.rivals import rivals as refitted
-from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name, score
-from piezo_opt.diagnosis.steps import Step
+from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name
+from piezo_opt.diagnosis.scoring import at_foot
+from piezo_opt.diagnosis.search import Effort, search
 from piezo_opt.diagnosis.structure import Structure, structure
+from piezo_opt.diagnosis.told import Rival, Step, Told, in_words, told
 from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
-from piezo_opt.effects.base import Effect, Place
+from piezo_opt.effects.base import Effect
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.errors import InputError, ModelError
 from piezo_opt.identification import (
     Ending,
     Fit,
     Identification,
-    LevenbergMarquardt,
     default_model,
     solve,
+    with_statistics,
 )
 from piezo_opt.measurement import Campaign, Measurement
 from piezo_opt.stopping import TimeLimit
@@ -66,19 +66,19 @@ class Diagnosis:
         steps: accepted effects.
         refined: what was needed in more detail and is no new effect: parameters that were freed
             (an exponent, a second pole), mechanics that joined, effects in another form.
-        dropped: what became unnecessary on the way (effects, mechanics).
         structure: signs of structure in the final residual.
         held_out: how the judging data were chosen.
         experiments: drives worth playing next, and what each would tell.
         invisible: effects that no candidate drive would show.
         unexplained: where a correction would have to enter, and of what it is a function; None
             unless that is the verdict.
-        rivals: other hysteresis laws in the place of the final model's own, best first; tried
-            where more than noise is left, unless :func:`diagnose` was told otherwise.
-        foot: errors of the baseline on the part that is fitted and on the held-out one; None
-            without a ladder.
+        rivals: other hysteresis laws in the place of the base model's own, best first; tried where
+            more than noise was left on the way.
+        foot, top: errors of the baseline and of the final model, fitted and held out; None
+            without a search.
         stopped: who ended it early, where somebody did; the rest is the best so far.
         elapsed_s: what it took [s].
+        refits: fits of other sets of effects that were tried.
     """
 
     fit: Fit
@@ -89,7 +89,6 @@ class Diagnosis:
     unscored: tuple[Unscored, ...]
     steps: tuple[Step, ...] = ()
     refined: tuple[str, ...] = ()
-    dropped: tuple[str, ...] = ()
     structure: Structure = field(default_factory=lambda: Structure(False, ()))
     held_out: str = ""
     experiments: tuple[Advice, ...] = ()
@@ -97,8 +96,10 @@ class Diagnosis:
     unexplained: Unexplained | None = None
     rivals: tuple[Rival, ...] = ()
     foot: Point | None = None
+    top: Point | None = None
     stopped: Stopped | None = None
     elapsed_s: float = 0.0
+    refits: int = 0
 
     def best(self) -> Effect:
         """The likeliest missing effect, to be added with ``model + diagnosis.best()``.
@@ -118,13 +119,11 @@ class Diagnosis:
 
     @property
     def ladder(self) -> tuple[Point, ...]:
-        """Errors after each thing that changed the model; empty without an accepted step."""
-        if self.foot is None:
+        """Errors after each thing that changed the model; empty where nothing did."""
+        if self.foot is None or self.top is None:
             return ()
-        return points(
-            self.foot, self.steps, self.final, base=self.fit.model, refined=self.refined,
-            dropped=self.dropped,
-        )  # fmt: skip
+        model, base = self.final.model, self.fit.model
+        return points(self.foot, self.steps, self.top, base, model, self.refined)
 
     @property
     def headline(self) -> str:
@@ -171,9 +170,12 @@ class Diagnosis:
             "noise_measured": self.noise.measured,
             "rms_baseline": self.fit.rms,
             "rms_final": self.final.rms,
+            "held_out_baseline": _error(self.foot),
+            "held_out_final": _error(self.top),
             "interrupted": self.stopped is not None,
             "stopped_by": None if self.stopped is None else self.stopped.value,
             "elapsed_s": self.elapsed_s,
+            "refits": self.refits,
             "steps": [
                 {
                     "effect": s.name,
@@ -205,7 +207,6 @@ class Diagnosis:
             ],
             "unscored": [{"effect": u.name, "why": u.why} for u in self.unscored],
             "refined": list(self.refined),
-            "dropped": list(self.dropped),
             "unexplained": None if self.unexplained is None else self.unexplained.to_dict(),
             "rivals": [
                 {
@@ -226,7 +227,8 @@ class Diagnosis:
 
     def __str__(self) -> str:
         lines = [self.headline, "", self.noise.sentence, self.held_out, ""]
-        if self.foot is not None and not self.steps:
+        told = self.ladder
+        if self.foot is not None and not told:
             lines += [f"Baseline: {show(self.foot.rms, 'm')} fitted{_beside(self.foot)}.", ""]
         lines.append(f"  {'suspect':<22} {'explains':>9} {'rms then':>10} {'visible':>8} {'p':>9}")
         for s in self.suspects[:8]:
@@ -234,8 +236,7 @@ class Diagnosis:
                 f"  {s.name:<22} {100 * s.score:>7.1f} % {show(s.predicted_rms, 'm'):>10} "
                 f"{100 * s.visibility:>6.0f} % {s.p_value:>9.1e}"
             )
-        if self.steps:
-            told = self.ladder
+        if told:
             wide = max([22, *(len(point.label) for point in told)])
             lines += ["", f"  {'ladder':<{wide}} {'rms':>10} {'held out':>10} {'BIC falls':>10}"]
             for point in told:
@@ -264,7 +265,8 @@ def diagnose(
     ladder: bool = True,
     threads: int = 2,
     advise: bool | None = None,
-    rivals: bool | None = None,
+    effort: Effort = Effort.NORMAL,
+    worth: float = WORTH,
     max_time: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
@@ -272,17 +274,17 @@ def diagnose(
 
     Args:
         fit: the baseline. A question is fitted first, records with :func:`default_model`.
-        test: a record to judge on; else the last part of a lone record is held out.
+        test: a record to judge on, which is not fitted; else each block of the data is judged as
+            the others predict it.
         candidates: effects of the user's own, beside the whole catalogue.
         withhold: catalogue names that shall not be considered.
         ladder: False stops after the scores.
         threads: refits that run at a time; 1 where processes share the machine already.
         advise: whether to plan experiments. Unless told, for groups that the record cannot split,
             and for effects it cannot show where it shows none; True plans both, False none.
-        rivals: whether to refit the final model with other hysteresis laws in the place of its
-            own. Unless told, when the verdict is ``"unexplained"`` or more is left than the
-            noise floor with its uncertainty; True compares them in any case, False never. A model
-            without a hysteresis law has none to replace.
+        effort: how many sets of effects the search may expand.
+        worth: the least that an effect must explain of what is left when it is taken out again, to
+            bear a name: sqrt(SSR without / SSR with - 1).
         max_time: seconds after which no more is begun, and the best so far is given; None for no
             limit. What is being refitted when it passes is finished first.
         progress: called with sentences about what is going on.
@@ -292,14 +294,10 @@ def diagnose(
         ``stopped`` says so.
 
     Raises:
-        InputError: ``max_time`` is not a positive number; ``rivals=True``, which refits,
-            together with ``ladder=False``, which does not.
+        InputError: ``max_time`` or ``worth`` is not a positive number.
     """
-    if rivals and not ladder:
-        raise InputError(
-            "rivals=True compares laws that are refitted, and ladder=False refits nothing: leave "
-            "one of the two out."
-        )
+    if not (math.isfinite(worth) and worth > 0.0):
+        raise InputError(f"worth={worth}: give a positive number, such as 0.35")
     if max_time is not None and not (math.isfinite(max_time) and max_time > 0.0):
         raise InputError(f"max_time={max_time}: give a positive number of seconds, or None")
     began = time.monotonic()
@@ -319,45 +317,37 @@ def diagnose(
     ]
     noise = noise_floor(fit)
     if not ladder:
-        left = [e for e in offered if e.name not in fit.model]
-        suspects, unscored = score(BasePoint(fit), left, threads)
+        suspects, unscored = at_foot(fit, offered, threads)
         return Diagnosis(fit, fit, "open", noise, by_name(suspects), unscored)
-    held = hold_out(fit.question, test)
-    offered, unheard = _judgeable(offered, held.record)
-    try:
-        with limit:
-            baseline = _on(held, fit)
-            climbed = climb(baseline, held, offered, tell, threads)
-    except KeyboardInterrupt:
-        # Not even the scores are known.
-        return Diagnosis(
-            fit, fit, "open", noise, (), unheard, held_out=held.sentence, stopped=_who(limit),
-            elapsed_s=time.monotonic() - began,
-        )  # fmt: skip
-    final = _whole(fit, climbed)
+    judge = Judge(test)
+    offered, unheard = _judgeable(offered, test)
+    searched = search(fit, offered, withhold, effort, worth, threads, tell, limit)
+    answer = told(searched.book, searched.suspects, worth, judge)
+    final = fit if answer.final is fit else with_statistics(answer.final)
     floor = noise_floor(final)
     found = Diagnosis(
         fit=fit,
         final=final,
-        verdict="missing" if climbed.steps else "complete",
+        verdict="missing" if answer.steps else "complete",
         noise=floor,
-        suspects=climbed.suspects,
-        unscored=(*climbed.unscored, *unheard),
-        steps=climbed.steps,
-        refined=climbed.refined,
-        dropped=climbed.dropped,
-        structure=_elsewhere(structure(final, floor), climbed, held, floor),
-        held_out=held.sentence,
-        foot=Point("baseline", baseline.rms, rms(elsewhere(baseline, held))),
+        suspects=by_name(searched.suspects),
+        unscored=(*searched.unscored, *unheard),
+        steps=answer.steps,
+        refined=answer.refined,
+        structure=_elsewhere(structure(final, floor), answer, judge, floor),
+        held_out=judge.sentence,
+        rivals=answer.rivals,
+        foot=Point("baseline", fit.rms, judge.error(fit)),
+        top=Point("final", final.rms, judge.error(final)),
+        refits=searched.book.refits,
     )
-    if climbed.interrupted:
-        verdict = found.verdict if climbed.steps else "open"
+    if searched.interrupted:
+        verdict = found.verdict if answer.steps else "open"
         found = replace(found, verdict=verdict, stopped=_who(limit))
     else:
         try:
             with limit:
                 found = _judged(found, tell, threads)
-                found = _with_rivals(found, climbed, held, _laws(withhold), rivals, tell, threads)
                 found = _with_experiments(found, offered, advise, tell, threads)
         except KeyboardInterrupt:
             found = replace(found, stopped=_who(limit))
@@ -380,26 +370,6 @@ def _judged(found: Diagnosis, tell: Callable[[str], None], threads: int) -> Diag
     if not (found.structure.left or described):
         return found
     return replace(found, verdict="unexplained", unexplained=correction)
-
-
-def _with_rivals(
-    found: Diagnosis,
-    climbed: Ladder,
-    held: HeldOut,
-    laws: list[type[Effect]],
-    asked: bool | None,
-    tell: Callable[[str], None],
-    threads: int,
-) -> Diagnosis:
-    """With other hysteresis laws in the place of the model's own, where they are wanted."""
-    # A force with a memory may come near to a loop of another law: what it leaves is then small.
-    doubtful = found.verdict == "unexplained" or found.final.rms > found.noise.high
-    wanted = doubtful if asked is None else asked
-    if not wanted or found.fit.model.loop is None:
-        return found
-    tell("trying other hysteresis laws")
-    others = refitted(climbed.final, climbed.baseline, held, laws, threads)
-    return replace(found, rivals=others)
 
 
 def _with_experiments(
@@ -435,14 +405,16 @@ def _baseline(asked: Identification | Measurement | Iterable[Measurement]) -> Fi
     return replace(fit, remarks=(*remarks, *fit.remarks))
 
 
-def _elsewhere(found: Structure, climbed: Ladder, held: HeldOut, floor: NoiseFloor) -> Structure:
+def _elsewhere(found: Structure, answer: Told, judge: Judge, floor: NoiseFloor) -> Structure:
     """What is left on the held-out record as well: an explanation must hold there, too."""
-    there, here = rms(elsewhere(climbed.final, held)), climbed.final.rms
-    carries = _CARRIES if here < _ABOVE * floor.rms else _AS_SLOW
-    if held.record is None or there is None or there < carries * here:
+    if judge.record is None:
         return found
-    judged = f"On the record that is judged on, '{held.record.name}',"
-    if climbed.steps:
+    there, here = judge.error(answer.final), answer.final.rms
+    carries = _CARRIES if here < _ABOVE * floor.rms else _AS_SLOW
+    if there < carries * here:
+        return found
+    judged = f"On the record that is judged on, '{judge.record.name}',"
+    if answer.steps:
         missed = (
             f"the error is {show(there, 'm')}, {there / here:.2g} times that on the fitted one"
             if math.isfinite(there)
@@ -462,22 +434,16 @@ def _elsewhere(found: Structure, climbed: Ladder, held: HeldOut, floor: NoiseFlo
     return Structure(True, (*found.clues, clue), only_elsewhere=not found.left)
 
 
-def _laws(withhold: Sequence[str]) -> list[type[Effect]]:
-    """The hysteresis laws of the catalogue: what the strain balance of a base model remembers."""
-    return [
-        kind
-        for name, kind in CATALOGUE.items()
-        if kind.structural and kind().place is Place.STRAIN and kind().states
-        and name not in withhold
-    ]  # fmt: skip
-
-
 def _sentences(left: Unexplained | None) -> tuple[str, ...]:
     return () if left is None else (str(left),)
 
 
 def _beside(foot: Point) -> str:
     return "" if foot.held_out is None else f", {worded(foot.held_out)} held out"
+
+
+def _error(point: Point | None) -> float | None:
+    return None if point is None else _finite(point.held_out)
 
 
 def _finite(number: float | None) -> float | None:
@@ -507,23 +473,6 @@ def _judgeable(
     return kept, tuple(unheard)
 
 
-def _on(held: HeldOut, fit: Fit) -> Fit:
-    """The baseline on the part that is fitted."""
-    if held.question is fit.question:
-        return fit
-    return solve(held.question, start=fit.values, solver=LevenbergMarquardt(iterations=60))
-
-
-def _whole(fit: Fit, climbed: Ladder) -> Fit:
-    """The final model on all of the records."""
-    if not climbed.steps and not climbed.refined:
-        return fit
-    if climbed.final.records == fit.records:
-        return climbed.final
-    question = climbed.final.question.with_records(fit.question.campaign)
-    return solve(question, start=climbed.final.values)
-
-
 def _headline(diagnosis: Diagnosis) -> str:
     if diagnosis.stopped is None:
         return _verdict(diagnosis)
@@ -538,26 +487,26 @@ def _verdict(diagnosis: Diagnosis) -> str:
     before, after = show(diagnosis.fit.rms, "m"), show(diagnosis.final.rms, "m")
     if diagnosis.verdict == "open":
         return f"Scores at the fit (rms {before}); nothing was refitted."
-    better = next((r for r in diagnosis.rivals if r.better), None)
+    exchanged = _exchanged(diagnosis)
     if diagnosis.verdict == "complete":
-        freed = f" once {', '.join(diagnosis.refined)} is fitted" if diagnosis.refined else ""
-        fell = f", down from {before}," if diagnosis.refined else ""
-        if better:
-            # No effect is missing, yet what another law explains is not noise.
-            return (
-                f"Complete{freed} but for the hysteresis law: {better.name} fits better than "
-                f"{diagnosis.final.model.loop}, which leaves {after}."
-            )
+        once = f" once {', '.join(diagnosis.refined)} is fitted" if diagnosis.refined else ""
+        fell = f", down from {before}," if once or exchanged else ""
         return (
-            f"Complete{freed}: the residual of {after}{fell} is noise as far as this record can "
-            "tell."
+            f"Complete{exchanged}{once}: the residual of {after}{fell} is noise as far as this "
+            "record can tell."
         )
     names = ", ".join(s.name for s in diagnosis.steps)
     if diagnosis.verdict == "missing":
-        found = f"Missing: {names}. The error falls from {before} to {after}."
-        law = f"{better.name}{better.less}" if better else ""
-        return f"{found} Another hysteresis law fits better still: {law}." if law else found
-    found = f"With {names} the error falls from {before} to {after}, but " if names else ""
+        return f"Missing: {names}{exchanged}. The error falls from {before} to {after}."
+    with_ = f"with {names}{exchanged}" if names else exchanged.removeprefix(", ")
+    fell = f"{with_} the error falls from {before} to {after}, but " if with_ else ""
+    found = fell[:1].upper() + fell[1:]
     if diagnosis.structure.only_elsewhere and diagnosis.unexplained is None:
         return f"Unexplained: {found}the record that is judged on is not predicted as well."
     return f"Unexplained: {found}structure is left that no effect of the catalogue explains."
+
+
+def _exchanged(diagnosis: Diagnosis) -> str:
+    """Which hysteresis law took the place of the base model's, in words; nothing where none did."""
+    own, final = law(diagnosis.fit.model), law(diagnosis.final.model)
+    return "" if own == final else f", with {final} in the place of {own}"

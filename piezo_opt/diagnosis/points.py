@@ -8,9 +8,8 @@ from typing import final
 
 import numpy as np
 
-from piezo_opt.diagnosis.steps import Step
+from piezo_opt.diagnosis.told import Step
 from piezo_opt.effects.model import Model
-from piezo_opt.identification import Fit
 
 
 @final
@@ -32,41 +31,33 @@ class Point:
 
 
 def points(
-    foot: Point,
-    steps: Sequence[Step],
-    final: Fit,
-    *,
-    base: Model,
+    foot: Point, steps: Sequence[Step], final: Point, base: Model, model: Model,
     refined: Sequence[str],
-    dropped: Sequence[str],
-) -> tuple[Point, ...]:
-    """The ladder from its foot up; empty without an accepted step.
+) -> tuple[Point, ...]:  # fmt: skip
+    """The ladder from its foot up; empty where nothing changed the model.
 
-    What changed the model between two steps without being an effect of its own (mechanics that
-    joined, an exponent freed, an effect given another shape, one dropped) is a point of its own.
+    What changed the model without being an effect of its own (mechanics that joined, another
+    hysteresis law, an exponent freed, an effect given another shape) is a point of its own.
 
     Args:
         foot: the baseline.
-        steps: accepted effects.
-        final: the fit at the top.
+        steps: effects of the answer.
+        final: the error of the final model.
         base: the model at the foot.
+        model: the final model.
         refined: what was needed in more detail.
-        dropped: what became unnecessary.
     """
-    if not steps:
-        return ()
-    found = [foot]
-    joined = {name for name, effect in final.model if effect.structural and name not in base}
-    ways = [*_in_detail(refined, joined), *(f"+ {name}" for name in dropped)]
+    joined = {name for name, effect in model if effect.structural and name not in base}
+    ways = _in_detail([*sorted(joined - set(refined)), *refined], joined)
     between = ", ".join(ways) or "reshaped"
+    found = [foot]
     for step in steps:
         if not _same(step.rms_before, found[-1].rms):
             found.append(Point(between, step.rms_before, step.held_out_before))
         found.append(Point(f"+ {step.name}", step.rms_after, step.held_out_after, step.delta_bic))
-    if final.records == steps[-1].fit.records and not _same(final.rms, found[-1].rms):
-        pruned = ", ".join(dropped)
-        found.append(Point(f"- {pruned}" if pruned else between, final.rms))
-    return tuple(found)
+    if not _same(final.rms, found[-1].rms):
+        found.append(Point(between, final.rms, final.held_out))
+    return tuple(found) if len(found) > 1 else ()
 
 
 def _in_detail(refined: Sequence[str], joined: Collection[str]) -> list[str]:

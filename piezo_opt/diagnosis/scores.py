@@ -160,7 +160,9 @@ def score(
                 effect=b.effect,
                 name=names[i],
                 score=gain / own if own > 0 else 0.0,
-                predicted_rms=float(np.sqrt(max(0.0, own - gain) / point.samples)),
+                predicted_rms=point.fit.rms * float(np.sqrt(max(0.0, 1.0 - gain / own)))
+                if own
+                else 0.0,
                 visibility=visibility,
                 overlaps=tuple((n, round(c, 4)) for n, c in overlaps if c > 0.5),
                 p_value=1.0 if b.wrong_side else min(1.0, p),

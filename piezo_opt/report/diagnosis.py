@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from piezo_opt.comparison import Entry, compare
 from piezo_opt.diagnosis import Diagnosis
-from piezo_opt.diagnosis.held_out import worded
-from piezo_opt.diagnosis.rivals import in_words
+from piezo_opt.diagnosis.judge import worded
+from piezo_opt.diagnosis.told import in_words
 from piezo_opt.report import diagnosis_figures, figures
 from piezo_opt.report.chapters import (
     chapter,
@@ -129,30 +129,27 @@ def _ladder(diagnosis: Diagnosis) -> list[Block]:
         Heading("The ladder", 3),
         Picture(
             shown,
-            "Each point is a refit of the whole model. An effect is kept when the information "
-            "criterion and the data that were not fitted both agree; the band is the noise "
-            "floor with its 95 % range, below which there is nothing to explain.",
-        ),
-        Table(
-            (
-                ("added", tuple(s.name for s in steps)),
-                ("rms before", tuple(show(s.rms_before, "m") for s in steps)),
-                ("rms after", tuple(show(s.rms_after, "m") for s in steps)),
-                ("held out after", tuple(worded(s.held_out_after) for s in steps)),
-                ("BIC falls by", tuple(f"{s.delta_bic:.0f}" for s in steps)),
-                ("cannot be told from", tuple(", ".join(s.group[1:]) for s in steps)),
-            ),
-            prose=("cannot be told from",),
+            "Each point is a refit of the whole model to all data; the dashed line is the error "
+            "where it was not fitted. The band is the noise floor with its 95 % range, below which "
+            "there is nothing to explain.",
         ),
     ]
+    table = Table(
+        (
+            ("added", tuple(s.name for s in steps)),
+            ("rms before", tuple(show(s.rms_before, "m") for s in steps)),
+            ("rms after", tuple(show(s.rms_after, "m") for s in steps)),
+            ("held out after", tuple(worded(s.held_out_after) for s in steps)),
+            ("BIC falls by", tuple(f"{s.delta_bic:.0f}" for s in steps)),
+            ("cannot be told from", tuple(", ".join(s.group[1:]) for s in steps)),
+        ),
+        prose=("cannot be told from",),
+    )
+    if steps:
+        blocks.append(table)
     said = []
     if diagnosis.refined:
         said.append(f"Fitted in more detail on the way: {', '.join(diagnosis.refined)}.")
-    if diagnosis.dropped:
-        said.append(
-            f"Dropped again, because a later step made it unnecessary: "
-            f"{', '.join(diagnosis.dropped)}."
-        )
     return [*blocks, *([Points(tuple(said))] if said else [])]
 
 

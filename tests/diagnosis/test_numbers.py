@@ -7,7 +7,7 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis import diagnose
-from piezo_opt.diagnosis.rung import numbers
+from piezo_opt.diagnosis.evidence import numbers
 from piezo_opt.effects import AmplifierLag, Creep, Effect, SensorLag, SlewLimit
 from tests.diagnosis.plants import MOVING, NOISE, STILL, TRUTH, but, clock, fitted, measured, rich
 

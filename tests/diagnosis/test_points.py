@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from piezo_opt.diagnosis.points import Point, _in_detail, points
-from piezo_opt.effects import Creep, SecondOrder
+from piezo_opt.effects import Creep, Model, PrandtlIshlinskii, SecondOrder
 from tests.diagnosis.plants import STILL
 
 FOOT = Point("baseline", 9.0, 10.0)
@@ -18,17 +18,18 @@ MOVING = STILL + SecondOrder() + Creep()
 def step(name: str, before: float, after: float) -> Any:
     return SimpleNamespace(
         name=name, rms_before=before, rms_after=after, held_out_before=before + 1.0,
-        held_out_after=after + 1.0, delta_bic=50.0, fit=SimpleNamespace(records=("one",)),
+        held_out_after=after + 1.0, delta_bic=50.0,
     )  # fmt: skip
 
 
-def told(*steps: Any, final: float, refined: tuple[str, ...] = (), dropped: Any = ()) -> Any:
-    top: Any = SimpleNamespace(records=("one",), rms=final, model=MOVING)
-    return points(FOOT, steps, top, base=STILL, refined=refined, dropped=dropped)
+def told(*steps: Any, final: float, refined: tuple[str, ...] = (), model: Model = STILL) -> Any:
+    return points(FOOT, steps, Point("final", final, final + 1.0), STILL, model, refined)
 
 
 def test_it_begins_at_the_baseline_also_where_mechanics_joined_before_the_first_effect() -> None:
-    ladder = told(step("creep", 4.0, 2.0), final=2.0, refined=("second_order", "bouc_wen.n"))
+    ladder = told(
+        step("creep", 4.0, 2.0), final=2.0, refined=("second_order", "bouc_wen.n"), model=MOVING
+    )
     assert ladder == (
         FOOT,
         Point("with second_order, n free", 4.0, 5.0),
@@ -36,13 +37,14 @@ def test_it_begins_at_the_baseline_also_where_mechanics_joined_before_the_first_
     )
 
 
-def test_what_was_dropped_was_there_in_between_and_is_not_at_the_end() -> None:
-    ladder = told(step("creep", 4.0, 2.0), final=2.1, dropped=("drift",))
-    assert [point.label for point in ladder] == ["baseline", "+ drift", "+ creep", "- drift"]
-    assert [point.rms for point in ladder] == [9.0, 4.0, 2.0, 2.1]
+def test_another_hysteresis_law_is_a_point_of_its_own() -> None:
+    assert told(final=4.0, model=STILL.replaced("bouc_wen", PrandtlIshlinskii())) == (
+        FOOT,
+        Point("with prandtl_ishlinskii", 4.0, 5.0),
+    )
 
 
-def test_a_ladder_without_a_step_is_empty() -> None:
+def test_a_ladder_on_which_nothing_changed_is_empty() -> None:
     assert told(final=9.0, refined=("bouc_wen.n",)) == ()
 
 

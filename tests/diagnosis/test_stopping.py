@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import threading
 import time
+from importlib import import_module
 
 import pytest
 
-from piezo_opt.diagnosis import ladder
+from piezo_opt.diagnosis.book import Book
 from piezo_opt.diagnosis.diagnose import Stopped, diagnose
+from piezo_opt.diagnosis.members import Members
 from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.stopping import TimeLimit
 from problems import hidden_effect
 from tests.diagnosis.plants import but
+
+search = import_module("piezo_opt.diagnosis.search")
 
 
 def test_a_pool_begins_nothing_after_an_interrupt() -> None:
@@ -52,11 +56,13 @@ def test_the_main_thread_is_interrupted_within_the_block_only() -> None:
 
 
 def test_what_was_accepted_before_an_interrupt_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object) -> object:
-        raise KeyboardInterrupt
+    def interrupted(_: Book, at: Members, *__: object) -> bool:
+        """After the base model's neighbours were fitted, before the best of them is expanded."""
+        if at.effects:
+            raise KeyboardInterrupt
+        return False
 
-    # After the first accepted step, while its place is asked.
-    monkeypatch.setattr(ladder._Climb, "revised", interrupted)
+    monkeypatch.setattr(search, "_lightened", interrupted)
     train, test = hidden_effect.data().split(hidden_effect.SPLIT)
     found = diagnose(train, test=test, withhold=but("creep", "drift"))
     assert found.stopped is Stopped.USER

@@ -11,7 +11,7 @@ from piezo_opt.diagnosis.advice.experiment import Advice
 from piezo_opt.diagnosis.advice.revealing import reveal
 from piezo_opt.diagnosis.advice.splitting import advise
 from piezo_opt.diagnosis.scores import effective_samples
-from piezo_opt.diagnosis.steps import Step
+from piezo_opt.diagnosis.told import Step
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Fit

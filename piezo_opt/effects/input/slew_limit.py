@@ -14,13 +14,14 @@ from piezo_opt.symbolic import softplus
 class SlewLimit(Effect):
     """Largest rate of the drive, entered through a share.
 
-        z' = e [softplus((w + rate) / e) - softplus((w - rate) / e)] - rate
+        z' = e [softplus((w + fall rate) / e) - softplus((w - rate) / e)] - fall rate
         w = u' + (u - z) / tau,   v = u + share (z - u),   e = softness rate
-        z' = e [softplus((w + rate) / e) - softplus((w - rate) / e)] - rate   behind
+        z' = e [softplus((w + fall rate) / e) - softplus((w - rate) / e)] - fall rate   behind
         w = (u - z) / tau,   v = u + share (z - u),   e = softness rate   behind
 
-    A current limit I on a capacitance C allows rate = I / C: z' is w, held between -rate and rate
-    by softly rounded corners. Below the limit z follows u without lag, because u' is fed forward;
+    A current limit I on a capacitance C allows rate = I / C: z' is w, held between -fall rate and
+    rate by softly rounded corners; fall is 1 unless freed (an amplifier that sinks another current
+    than it sources). Below the limit z follows u without lag, because u' is fed forward;
     tau is the time in which it recovers after the limit. Behind, tau is the lag of an amplifier's
     loop whose current is limited. softplus(a) = log(1 + exp(a)).
 
@@ -45,6 +46,10 @@ class SlewLimit(Effect):
         "s", "recovery time after the limit, or lag below it", nominal=1e-3, bounds=(1e-7, 0.1),
         typical=(1e-4, 1e-2), coarse=True,
     )  # fmt: skip
+    fall = Parameter(
+        "1", "largest rate downwards over that upwards", nominal=1.0, bounds=(0.02, 50.0),
+        typical=(0.3, 3.0), fixed=True, detail=True,
+    )  # fmt: skip
     softness = Parameter(
         "1", "width of the corners over the rate", nominal=0.2, bounds=(1e-3, 1.0),
         typical=(0.02, 0.3), fixed=True, detail=True,
@@ -56,10 +61,11 @@ class SlewLimit(Effect):
         wanted = (u.value - x.z) / p.tau
         wanted = wanted if self.behind else wanted + u.rate
         corner = p.softness * p.rate
-        below = softplus((wanted + p.rate) / corner)
+        fall = p.fall * p.rate
+        below = softplus((wanted + fall) / corner)
         above = softplus((wanted - p.rate) / corner)
         return Equations(
             gives=u.value + p.share * (x.z - u.value),
-            moves={"z": corner * (below - above) - p.rate},
+            moves={"z": corner * (below - above) - fall},
             starts={"z": u.value},
         )

@@ -1,0 +1,201 @@
+"""The book of a search: every candidate set with the best fit that was found of it.
+
+It holds the only pool of threads. Rivals are fitted in rounds: five iterations each, then the
+best quarter goes on for twice as many, until all that are left have converged (successive
+halving; Jamieson & Talwalkar 2016, AISTATS 51, 240-248).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from typing import final
+
+from piezo_opt.diagnosis.colour import Colour
+from piezo_opt.diagnosis.evidence import criterion
+from piezo_opt.diagnosis.members import Hypothesis, Members
+from piezo_opt.diagnosis.refit import refit
+from piezo_opt.diagnosis.stopping import Pool
+from piezo_opt.errors import NO_FIT
+from piezo_opt.identification import Fit, Identification
+from piezo_opt.identification.monitor import Monitor
+from piezo_opt.identification.starting import starting_values
+from piezo_opt.values import Values
+
+_FIRST, _ROUNDS = 5, 4
+"""Iterations of the first round, and rounds after it; each one doubles the iterations."""
+_KEPT = 4
+"""Of so many rivals one goes on after a round."""
+_SETTLED = 80
+"""Iterations after which a fit that is built upon has converged or never will."""
+_LEAST = 2
+"""Rivals that are followed to the end at least."""
+
+
+@final
+@dataclass(frozen=True)
+class Start:
+    """A set, and where a fit of it begins.
+
+    Attributes:
+        members: the set.
+        values: where it begins; None for a fresh start, as if nothing had been fitted before.
+    """
+
+    members: Members
+    values: Mapping[str, float] | None
+
+
+@final
+class Book:
+    """Candidate sets and their fits.
+
+    Args:
+        foot: the fit at the foot.
+        choices: candidates to choose from, for the price of having chosen.
+        threads: refits that run at a time.
+    """
+
+    def __init__(self, foot: Fit, choices: int, threads: int) -> None:
+        self.foot = foot
+        self.question: Identification = foot.question
+        self.base = Members.of(foot.question, foot.question)
+        self.colour = Colour.white([int(r.counted.sum()) for r in foot.records])
+        self.refits = 0
+        self.closed = False
+        """Whether it is only read any more: nothing is fitted after an interrupt."""
+        self._choices = choices
+        self._threads = threads
+        self._fits: dict[Members, Fit] = {self.base: foot}
+        self._begun: set[tuple[Members, tuple[tuple[str, float], ...] | None]] = set()
+        self._bases: dict[tuple[str, ...], Values | None] = {}
+        self._prices: dict[Members, tuple[Fit, Colour, float]] = {}
+
+    def __contains__(self, members: Members) -> bool:
+        return members in self._fits
+
+    def __getitem__(self, members: Members) -> Fit:
+        return self._fits[members]
+
+    @property
+    def sets(self) -> tuple[Members, ...]:
+        """All sets that were fitted, the best one first."""
+        return tuple(sorted(self._fits, key=self.price))
+
+    @property
+    def leading(self) -> tuple[Members, ...]:
+        """The best set of each hypothesis, the best one first."""
+        best: dict[Hypothesis, Members] = {}
+        for members in self.sets:
+            best.setdefault(members.hypothesis, members)
+        return tuple(best.values())
+
+    @property
+    def best(self) -> Members:
+        """The set of the least criterion."""
+        return min(self._fits, key=self.price)
+
+    def price(self, members: Members) -> float:
+        """The criterion of a set that was fitted."""
+        fit = self._fits[members]
+        known = self._prices.get(members)
+        if known is None or known[0] is not fit or known[1] is not self.colour:
+            known = (fit, self.colour, self._criterion(members, fit))
+            self._prices[members] = known
+        return known[2]
+
+    def settled(self, members: Members) -> Fit:
+        """The fit of a set, gone on with until it has converged."""
+        fit = self._fits[members]
+        if not (fit.outcome.success or self.closed or members == self.base):
+            self._went_on(members, fit, _SETTLED)
+        return self._fits[members]
+
+    def keep(self, members: Members, fit: Fit) -> None:
+        """Write a fit down, where it is the best of its set."""
+        before = self._fits.get(members)
+        if fit.rms == fit.rms and (before is None or fit.rms < before.rms):
+            self._fits[members] = fit
+
+    def race(self, starts: Sequence[Start]) -> None:
+        """Fit sets from their starts in rounds; who is behind is left where he is."""
+        fresh = [] if self.closed else [start for start in starts if self._new(start)]
+        with Pool(max_workers=self._threads) as pool:
+            running = [
+                (members, fit) for members, fit in pool.map(self._first, fresh) if fit is not None
+            ]
+            iterations = _FIRST
+            for _ in range(_ROUNDS):
+                ahead: dict[Members, Fit] = {}
+                for members, fit in running:
+                    if members not in ahead or fit.rms < ahead[members].rms:
+                        ahead[members] = fit
+                ranked = sorted(ahead.items(), key=lambda pair: self._criterion(*pair))
+                ranked = ranked[: max(_LEAST, -(-len(ranked) // _KEPT))]
+                open_ = [(m, f) for m, f in ranked if not f.outcome.success]
+                if not open_:
+                    break
+                iterations *= 2
+                more = list(pool.map(partial(self._further, iterations=iterations), open_))
+                done = [pair for pair in ranked if pair[1].outcome.success]
+                running = [*done, *((m, f) for m, f in more if f is not None)]
+
+    def fresh(self, members: Members) -> Values | None:
+        """Where a first fit of a set would begin; None where nothing there can be simulated."""
+        question = members.question(self.question)
+        key = members.base.names
+        try:
+            if key not in self._bases:
+                below = Members(members.base).question(self.question)
+                self._bases[key] = starting_values(below, Monitor(()))
+            base = self._bases[key]
+            return None if base is None else starting_values(question, Monitor(()), base)
+        except NO_FIT:
+            self._bases.setdefault(key, None)
+            return None
+
+    def _new(self, start: Start) -> bool:
+        values = start.values
+        key = (start.members, None if values is None else tuple(sorted(values.items())))
+        if key in self._begun:
+            return False
+        self._begun.add(key)
+        return True
+
+    def _first(self, start: Start) -> tuple[Members, Fit | None]:
+        values = self.fresh(start.members) if start.values is None else start.values
+        if values is None:
+            return start.members, None
+        fit = None
+        with suppress(*NO_FIT):
+            self.refits += 1
+            question = start.members.question(self.question)
+            fit = refit(question, _own(values, question), _FIRST, mend=False)
+            self.keep(start.members, fit)
+        return start.members, fit
+
+    def _further(self, running: tuple[Members, Fit], iterations: int) -> tuple[Members, Fit | None]:
+        members, fit = running
+        with suppress(*NO_FIT):
+            return members, self._went_on(members, fit, iterations)
+        return members, None
+
+    def _went_on(self, members: Members, fit: Fit, iterations: int) -> Fit:
+        self.refits += 1
+        fit = refit(fit.question, fit.values, iterations)
+        self.keep(members, fit)
+        return fit
+
+    def _criterion(self, members: Members, fit: Fit) -> float:
+        return criterion(fit, self.colour, len(members.effects), self._choices)
+
+
+def _own(values: Mapping[str, float], question: Identification) -> Mapping[str, float]:
+    """Values without those of details that are not free: a set that lacks one has its nominal."""
+    held = {
+        name for name, parameter in question.model.parameters.items()
+        if parameter.fixed and name not in question.free
+    }  # fmt: skip
+    return {name: value for name, value in values.items() if name not in held}

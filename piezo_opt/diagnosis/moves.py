@@ -1,0 +1,190 @@
+"""The neighbours of a set: one member more, one less, or one in the place of another.
+
+A member is an effect in one of its forms, the details of an effect's shape, mechanics that were
+left out, or another hysteresis law. Each neighbour begins where its fit is likely to end: at the
+values of the set with the member's one-step size, where it does what the one that it replaces did,
+and at a fresh start, because a fit that lacks something is bent by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from piezo_opt.diagnosis.book import Book, Start
+from piezo_opt.diagnosis.members import Members, is_law
+from piezo_opt.diagnosis.richer import in_detail
+from piezo_opt.diagnosis.scores import Suspect
+from piezo_opt.effects.base import Effect
+from piezo_opt.effects.catalogue import CATALOGUE
+from piezo_opt.errors import ModelError
+from piezo_opt.identification import Fit
+from piezo_opt.identification.shapes import own
+
+
+def adds(at: Members, suspects: Sequence[Suspect], most: int, book: Book) -> list[Start]:
+    """The likeliest effects, one at a time."""
+    found, asked = [], set()
+    for suspect in _likeliest(suspects, most):
+        starts = _joined(at, (suspect,), book)
+        # From a fresh start the likelier form alone: another form is a neighbour of it.
+        found += starts if suspect.name not in asked else starts[:1]
+        asked.add(suspect.name)
+    return found
+
+
+def pairs(at: Members, suspects: Sequence[Suspect], most: int, book: Book) -> list[Start]:
+    """The likeliest effects, two at a time: effects that hide each other are found so.
+
+    With u_i the directions of length one and b_i = u_i' r, two explain b' G^-1 b of the residual,
+    G = [[1, g], [g, 1]] and g = u_i' u_j. Worth a look is who explains more than the two best
+    singles of that pair do one by one.
+    """
+    able = [s for s in suspects if not s.wrong_side and s.visibility > 0.0]
+    if len(able) < 2:
+        return []
+    units = np.column_stack([s.direction for s in able])
+    gram = units.T @ units
+    size = np.sign([s.size for s in able]) * np.sqrt([s.score for s in able])
+    ranked: dict[frozenset[str], tuple[float, Suspect, Suspect]] = {}
+    for i, j in combinations(range(len(able)), 2):
+        one, other = able[i], able[j]
+        if one.name == other.name or one.base is not other.base:
+            continue
+        g = float(gram[i, j])
+        free = 1.0 - g * g
+        if free < 1e-6:  # the same direction: as one
+            continue
+        along = np.array([size[i] - g * size[j], size[j] - g * size[i]]) / free
+        # A one-sided gate that the other one would push to its forbidden side has no part.
+        if _forbidden(one, along[0], size[i]) or _forbidden(other, along[1], size[j]):
+            continue
+        gain = float(along @ [size[i], size[j]])
+        key = frozenset((one.name, other.name))
+        if key not in ranked or ranked[key][0] < gain:
+            ranked[key] = (gain, one, other)
+    found = []
+    for _, one, other in sorted(ranked.values(), key=lambda t: -t[0])[:most]:
+        found += _joined(at, (one, other), book)
+    return found
+
+
+def details(fit: Fit, book: Book) -> list[Start]:
+    """What the set has already, in more detail; mechanics that were left out."""
+    return [
+        Start(Members.of(question, book.question), dict(start))
+        for question, start in in_detail(fit)
+    ]
+
+
+def laws(at: Members, fit: Fit, withheld: Sequence[str]) -> list[Start]:
+    """Other hysteresis laws in the place of the base model's own, from several widths."""
+    own_law = at.law
+    if own_law is None:
+        return []
+    swing = max(float(np.ptp(record.drive)) for record in fit.records)
+    kept = {k: v for k, v in fit.values.items() if not k.startswith("initial.")}
+    found = []
+    for law in hysteresis_laws(withheld):
+        if law.name == own_law:
+            continue
+        base = at.base.replaced(own_law, law)
+        free = tuple(k for k in at.free if k.split(".")[0] != own_law)
+        members = replace(at, base=base, free=free)
+        found += [Start(members, {**kept, **widths}) for widths in _widths(law, swing)]
+        found.append(Start(members, None))
+    return found
+
+
+def hysteresis_laws(withheld: Sequence[str]) -> list[Effect]:
+    """The hysteresis laws of the catalogue."""
+    return [
+        law for name, kind in CATALOGUE.items() if name not in withheld and is_law(law := kind())
+    ]
+
+
+def imitations(at: Members, fit: Fit, offered: Sequence[Effect]) -> list[Start]:
+    """Effects that can do exactly what a member does, in its place and beginning with that."""
+    found = []
+    for member in at.effects:
+        does = own(fit.values, member.name)
+        for effect in offered:
+            if effect.name in at.names:
+                continue
+            imitated = effect.like(member.name, does)
+            if imitated is None:
+                continue
+            members = at.without(member.name).with_(effect)
+            begun = {f"{effect.name}.{k}": v for k, v in imitated.items()}
+            if _allowed(members):
+                found.append(Start(members, {**fit.values, **begun}))
+    return found
+
+
+def less(at: Members, fit: Fit) -> Iterator[tuple[str, Start]]:
+    """The set without one of its effects, each in turn, from where it stands."""
+    for name in at.names:
+        yield name, Start(at.without(name), dict(fit.values))
+
+
+def _joined(at: Members, suspects: Sequence[Suspect], book: Book) -> list[Start]:
+    """A set with effects at their one-step sizes, and from a fresh start."""
+    foot = suspects[0].base  # with the mechanics on which they were scored
+    members = Members.of(foot.question, book.question)
+    members = replace(members, effects=at.effects)
+    values: dict[str, float] = dict(foot.values)
+    for suspect in suspects:
+        members = members.with_(suspect.effect)
+        values |= _begun(suspect)
+    if not _allowed(members):
+        return []
+    return [Start(members, values), Start(members, None)]
+
+
+def _begun(suspect: Suspect) -> Mapping[str, float]:
+    gate = suspect.effect.parameters[suspect.effect.gate or ""]
+    size = float(np.clip(suspect.size, *gate.bounds))
+    shapes = {f"{suspect.name}.{k}": v for k, v in suspect.shapes.items()}
+    return {**shapes, f"{suspect.name}.{suspect.effect.gate}": size}
+
+
+def _likeliest(suspects: Sequence[Suspect], most: int) -> list[Suspect]:
+    """The forms of the likeliest names, best first, two forms a name at most."""
+    able = sorted((s for s in suspects if not s.wrong_side), key=lambda s: -s.score)
+    names = [*dict.fromkeys(s.name for s in able)][:most]
+    return [s for name in names for s in [s for s in able if s.name == name][:2]]
+
+
+def _forbidden(suspect: Suspect, along: float, alone: float) -> bool:
+    """Whether a gate would have to move to the side where it has no value."""
+    gate = suspect.effect.parameters[suspect.effect.gate or ""]
+    null = gate.null or 0.0
+    low, high = gate.bounds
+    turned = along * alone < 0.0
+    one_sided = low >= null or high <= null
+    return turned and one_sided
+
+
+def _allowed(members: Members) -> bool:
+    """Whether a model can hold these effects together."""
+    try:
+        model = members.model
+    except ModelError:
+        return False
+    return all(
+        "motion" not in e.requires or not model.quasi_static for e in members.effects
+    ) and all("loop" not in e.requires or model.loop is not None for e in members.effects)
+
+
+def _widths(law: Effect, swing: float) -> list[dict[str, float]]:
+    """Starts for thresholds in volts: shares of the drive's range; none for a law without any."""
+    thresholds = [
+        f"{law.name}.{name}"
+        for name, p in law.parameters.items()
+        if p.unit == "V" and p.bounds[0] > 0 and not p.fixed
+    ]
+    shares = (0.15, 0.4, 0.8) if thresholds else ()
+    return [dict.fromkeys(thresholds, share * swing) for share in shares]

@@ -1,0 +1,126 @@
+"""What a model has already, in more detail: members of a search that bear no name.
+
+The *details* of a present effect's shape (the exponent of a loop, the roundness of a knee) are
+fixed until the record pays for them; an effect may be written in other *forms*; and the
+*mechanics* of an actuator are there even where its first fit had to leave them out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from piezo_opt.diagnosis.refit import refit
+from piezo_opt.effects.base import Effect, Place
+from piezo_opt.effects.motion.second_order import SecondOrder
+from piezo_opt.effects.motion.spring import Spring
+from piezo_opt.errors import NO_FIT
+from piezo_opt.identification import Fit, Identification
+from piezo_opt.identification.shapes import detail_start, own
+from piezo_opt.identification.starting import resonance_start
+
+Richer = tuple[Identification, Mapping[str, float]]
+"""A question and where its fit begins."""
+
+_GROUND = 10
+"""Iterations of a fit that others are scored at: its direction counts, not its last digit."""
+
+
+def in_detail(fit: Fit) -> list[Richer]:
+    """Each effect in all its details and its finer form, each in its other forms, and mechanics."""
+    found = [detailed for name, _ in fit.model if (detailed := _detailed(fit, name)) is not None]
+    for name, effect in fit.model:
+        if not effect.structural:
+            found += _in_other_forms(fit, name)
+    mechanics = with_mechanics(fit)
+    return found if mechanics is None else [*found, mechanics]
+
+
+def with_mechanics(fit: Fit) -> Richer | None:
+    """Free mechanics for a fit that has none, or none with a mass.
+
+    Forces that act on a spring without mass are as strong per omega^2 as they were there.
+    """
+    spring = next((name for name, effect in fit.model if isinstance(effect, Spring)), "")
+    if not fit.model.quasi_static and not spring:
+        return None
+    mechanics = SecondOrder()
+    model = fit.model.replaced(spring, mechanics) if spring else fit.model + mechanics
+    joined = next(name for name, effect in model if effect == mechanics)
+    question = fit.question.with_model(model)
+    softness = {
+        gate: fit.values[gate] / fit.values[f"{spring}.omega"] ** 2
+        for name, gate in fit.model.gates.items()
+        if spring and fit.model[name].place is Place.MOTION
+    }
+    try:
+        found = resonance_start(question, fit.values, fit.residual(0), joined, softness)
+    except NO_FIT:
+        return None
+    return None if found is None else (question, found)
+
+
+def on_spring(fit: Fit) -> Fit | None:
+    """A quasi-static fit behind a spring, which forces act on; None where that cannot be simulated.
+
+    A force f then acts as the displacement f / omega^2, at once.
+    """
+    try:
+        return refit(fit.question.with_model(fit.model + Spring()), fit.values, _GROUND)
+    except NO_FIT:
+        return None
+
+
+def on_mechanics(fit: Fit) -> Fit | None:
+    """A quasi-static fit with free mechanics; None where it shows none."""
+    moving = with_mechanics(fit)
+    if moving is None:
+        return None
+    try:
+        found = refit(*moving, _GROUND)
+    except NO_FIT:
+        return None
+    return found if found.rms < fit.rms else None
+
+
+def _in_other_forms(fit: Fit, name: str) -> list[Richer]:
+    """One effect in the other forms under which a search tries it."""
+    effect = fit.model[name]
+    # A form is what its options say, and what the others of the forms' options are by default.
+    asked = {option for options in effect.variants for option in options}
+    kept = {option: value for option, value in effect.options.items() if option not in asked}
+    written: Any = type(effect)
+    forms: list[Effect] = [written(**kept, **options) for options in effect.variants]
+    if effect not in forms:
+        return []  # written in more detail already
+    return [
+        (fit.question.with_model(fit.model.replaced(name, other)), fit.values)
+        for other in forms
+        if other != effect
+    ]
+
+
+def _detailed(fit: Fit, name: str) -> Richer | None:
+    """One effect in its finer form, with the details of its shape free."""
+    effect = fit.model[name]
+    finer, start = effect.finer(own(fit.values, name))
+    record = fit.question.campaign.records[0]
+    if any(s.remanent for s in effect.declared_states.values()) and any(
+        finer.parameters[k].unit == "s" and v < record.step for k, v in start.items()
+    ):
+        finer, start = effect, {}  # a memory that is gone at the next sample needs no detail
+    # A force that a time makes of the velocity needs a mass: a spring without one holds none.
+    still = effect.place is Place.MOTION and any(isinstance(e, Spring) for _, e in fit.model)
+    details = [
+        k for k in finer.details
+        if f"{name}.{k}" not in (*fit.question.free, *fit.question.fixed)
+        and not (still and finer.parameters[k].unit == "s")
+    ]  # fmt: skip
+    if finer == effect and not details:
+        return None
+    question = fit.question.with_model(fit.model.replaced(name, finer))
+    freed = tuple(f"{name}.{k}" for k in details)
+    begin = {k: detail_start(finer.parameters[k], record) for k in details}
+    moved = {f"{name}.{k}": v for k, v in {**start, **begin}.items()}
+    return replace(question, free=(*question.free, *freed)), {**fit.values, **moved}

@@ -1,0 +1,200 @@
+"""One search over sets of effects: expand the most promising set until no neighbour is better.
+
+    at the best sets that were not expanded yet, one after the other:
+        take each effect out: a set that can do without one of them is not expanded
+        score every absent effect, and every pair of them, by one Gauss-Newton step on all data
+        fit the neighbours: the likeliest more, one less, one in the place of another
+    until no neighbour betters the best sets, or the best one leaves only noise
+
+Every sample is scored, fitted and judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import final
+
+import numpy as np
+
+from piezo_opt.diagnosis.book import Book, Start
+from piezo_opt.diagnosis.colour import Colour
+from piezo_opt.diagnosis.evidence import worth
+from piezo_opt.diagnosis.members import Hypothesis, Members
+from piezo_opt.diagnosis.moves import adds, details, imitations, laws, less, pairs
+from piezo_opt.diagnosis.residue import is_noise
+from piezo_opt.diagnosis.scores import Suspect, Unscored
+from piezo_opt.diagnosis.scoring import scored
+from piezo_opt.effects.base import Effect
+from piezo_opt.identification import Fit
+from piezo_opt.stopping import TimeLimit
+from piezo_opt.units import show
+
+
+class Effort(Enum):
+    """What a search may spend: budgets, not judgements.
+
+    Of each: the best sets among which the next one is sought, and after how many in vain it ends
+    (beam); the effects and pairs of effects that are fitted beside a set that is expanded (near);
+    and the sets that are expanded at most.
+    """
+
+    QUICK = (1, 4, 4)
+    NORMAL = (3, 6, 16)
+    THOROUGH = (5, 12, 48)
+
+    @property
+    def beam(self) -> int:
+        """Best sets among which the next one is sought, and after how many in vain it ends."""
+        return self.value[0]
+
+    @property
+    def near(self) -> int:
+        """Effects, and pairs of them, that are fitted beside a set."""
+        return self.value[1]
+
+    @property
+    def expansions(self) -> int:
+        """Sets that are expanded at most."""
+        return self.value[2]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """What a search has found.
+
+    Attributes:
+        book: all sets that were fitted.
+        suspects: scores of all candidates at the foot.
+        unscored: candidates that could not be scored, and why.
+        interrupted: whether it was stopped on the way.
+    """
+
+    book: Book
+    suspects: tuple[Suspect, ...]
+    unscored: tuple[Unscored, ...]
+    interrupted: bool
+
+
+def search(
+    foot: Fit,
+    offered: Sequence[Effect],
+    withheld: Sequence[str],
+    effort: Effort,
+    least: float,
+    threads: int,
+    tell: Callable[[str], None],
+    limit: TimeLimit,
+) -> Searched:
+    """Search the sets around a fit.
+
+    Args:
+        foot: the fit at the foot.
+        offered: forms of effects that may join.
+        withheld: catalogue names that shall not be considered.
+        effort: what it may spend.
+        least: the least that an effect must explain (see
+            :func:`~piezo_opt.diagnosis.evidence.worth`).
+        threads: refits that run at a time.
+        tell: called with sentences about what is going on.
+        limit: of wall time.
+    """
+    book = Book(foot, len(offered), threads)
+    suspects: tuple[Suspect, ...] = ()
+    unscored: tuple[Unscored, ...] = ()
+    expanded: set[Hypothesis] = set()
+    spare: set[Hypothesis] = set()
+    try:
+        with limit:
+            tried, before = 0, foot
+            while len(expanded) < effort.expansions and tried < effort.beam:
+                promising = [m for m in book.leading if m.hypothesis not in spare]
+                fresh = (m for m in promising[: effort.beam] if m.hypothesis not in expanded)
+                at = next(fresh, None)
+                if at is None:
+                    break
+                fit = book.settled(at)
+                if _lightened(book, at, fit, least):
+                    spare.add(at.hypothesis)
+                    continue
+                done = is_noise(fit)
+                expanded.add(at.hypothesis)
+                tell(f"{_named(at)} leaves {show(fit.rms, 'm')}; fitting its neighbours")
+                near, lacking, colour = _scored(fit, offered, book.colour, threads)
+                if not suspects:
+                    suspects, unscored = near, lacking
+                if at in (book.base, book.best):
+                    book.colour = colour
+                starts = _grown(book, at, near, effort, done=done)
+                starts += _exchanged(book, at, offered, effort, threads)
+                if at == book.best and not done:
+                    starts += laws(at, fit, withheld)
+                book.race(starts)
+                if done and book.best == at:
+                    break
+                ahead = book[book.best]
+                tried = 0 if worth(before, ahead, book.colour) >= least else tried + 1
+                before = ahead if tried == 0 else before
+    except KeyboardInterrupt:
+        book.closed = True
+        return Searched(book, suspects, unscored, True)
+    return Searched(book, suspects, unscored, False)
+
+
+def _lightened(book: Book, at: Members, fit: Fit, least: float) -> bool:
+    """Whether a set can do without one of its effects; each is taken out in turn."""
+    fewer = [start for _, start in less(at, fit)]
+    book.race([*fewer, *(Start(start.members, None) for start in fewer)])
+    return any(
+        worth(book[start.members], fit, book.colour) < least
+        for start in fewer if start.members in book
+    )  # fmt: skip
+
+
+def _grown(
+    book: Book, at: Members, near: Sequence[Suspect], effort: Effort, *, done: bool
+) -> list[Start]:
+    """One member more, or two.
+
+    At the foot every effect is asked, because its fit is bent most by what is missing. Where only
+    noise is left, few have to be, and no pairs.
+    """
+    everybody = at == book.base and not done
+    most = len({s.name for s in near}) if everybody else effort.near
+    starts = [*adds(at, near, most, book), *details(book[at], book)]
+    return starts if done else [*starts, *pairs(at, near, effort.near, book)]
+
+
+def _exchanged(
+    book: Book, at: Members, offered: Sequence[Effect], effort: Effort, threads: int
+) -> list[Start]:
+    """One member in the place of another."""
+    starts = imitations(at, book[at], offered)
+    for name in at.names:
+        rest = at.without(name)
+        if rest in book:
+            others, _, _ = _scored(book[rest], offered, book.colour, threads)
+            starts += adds(rest, others, effort.near, book)
+            starts += details(book[rest], book)
+    return starts
+
+
+def _scored(
+    fit: Fit, offered: Sequence[Effect], colour: Colour, threads: int
+) -> tuple[tuple[Suspect, ...], tuple[Unscored, ...], Colour]:
+    """Scores of the absent effects, and the colour of what is left beside all of them."""
+    suspects, unscored = scored(fit, offered, threads, colour)
+    left = colour.whitened(fit.residuals)
+    own = [s for s in suspects if s.base is fit]
+    if own:
+        columns = np.column_stack([s.direction for s in own])
+        size, *_ = np.linalg.lstsq(columns, left, rcond=1e-6)
+        left = left - columns @ size
+    lengths = [int(r.counted.sum()) for r in fit.records]
+    return suspects, unscored, Colour.of(colour.coloured(left), lengths)
+
+
+def _named(at: Members) -> str:
+    return "the base model" if not at.effects else "with " + ", ".join(at.names) + ", it"

@@ -1,0 +1,251 @@
+"""The answer, read off the book: names, groups, ladder, and what became of the base model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+from piezo_opt.diagnosis.book import Book, Start
+from piezo_opt.diagnosis.evidence import RESOLUTION, remaining, worth
+from piezo_opt.diagnosis.judge import Judge
+from piezo_opt.diagnosis.members import Members
+from piezo_opt.diagnosis.scores import Suspect
+from piezo_opt.effects.base import Effect
+from piezo_opt.identification import Fit, with_statistics
+from piezo_opt.units import show
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One effect of the answer.
+
+    Attributes:
+        name: the effect.
+        effect: the object that was added.
+        group: names that this record cannot tell it from, itself included.
+        rms_before, rms_after: error on the fitted records [m].
+        held_out_before, held_out_after: error on what is held out [m].
+        delta_bic: by how much the criterion fell.
+        p_value: of its score at the foot, corrected for the search.
+        fit: the fit with it.
+    """
+
+    name: str
+    effect: Effect
+    group: tuple[str, ...]
+    rms_before: float
+    rms_after: float
+    held_out_before: float | None
+    held_out_after: float | None
+    delta_bic: float
+    p_value: float
+    fit: Fit
+
+
+@final
+@dataclass(frozen=True)
+class Rival:
+    """A hysteresis law in the place of the base model's own.
+
+    Attributes:
+        name: the law.
+        rms: error of its best set [m].
+        held_out: error on what is held out [m].
+        delta_bic: by how much the criterion falls (negative: the model's own law is better).
+        better: whether that is strong evidence for it.
+        without: effects of the answer that it does without.
+    """
+
+    name: str
+    rms: float
+    held_out: float | None
+    delta_bic: float
+    better: bool
+    without: tuple[str, ...] = ()
+
+    @property
+    def less(self) -> str:
+        """What it does without, in words that follow a sentence; none where that is nothing."""
+        return f", without {' and '.join(self.without)}" if self.without else ""
+
+    def __str__(self) -> str:
+        against = "fits better than" if self.better else "is no better than"
+        return f"{self.name} {against} the model's own law{self.less} (rms {show(self.rms, 'm')})."
+
+
+def in_words(compared: Sequence[Rival]) -> tuple[str, ...]:
+    """Each law that is better, else that none is; nothing where none was tried."""
+    better = tuple(str(r) for r in compared if r.better)
+    if better or len(compared) < 2:
+        return better or tuple(map(str, compared))
+    *some, last = (r.name for r in compared)
+    return (f"None of {', '.join(some)} and {last} fits better than the model's own law.",)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What a user reads.
+
+    Attributes:
+        members: the best set, without members that are not worth a name.
+        final: its fit.
+        steps: its effects, each in the order of what it explains.
+        refined: details that are free, mechanics that joined, another law.
+        rivals: the best that was found with each other hysteresis law, best first.
+    """
+
+    members: Members
+    final: Fit
+    steps: tuple[Step, ...]
+    refined: tuple[str, ...]
+    rivals: tuple[Rival, ...]
+
+
+def told(book: Book, suspects: Sequence[Suspect], least: float, judge: Judge) -> Told:
+    """The best set of a book, as a ladder.
+
+    Args:
+        book: the sets that were fitted.
+        suspects: scores at the foot.
+        least: the least a member must explain, when it is dropped, to bear a name (see
+            :func:`~piezo_opt.diagnosis.evidence.worth`).
+        judge: where fits are judged.
+    """
+    best = _worthy(book, book.best, least)
+    steps = _steps(book, best, suspects, least, judge)
+    return Told(best, book.settled(best), steps, _refined(book, best), _rivals(book, best, judge))
+
+
+def _worthy(book: Book, best: Members, least: float) -> Members:
+    """The set without effects, and then details, that explain too little, the weakest first."""
+    while True:
+        fit = book.settled(best)
+        asked = [(_explains(book, less, fit), less) for less in _fewer(book, best)]
+        weakest = min(asked, key=lambda pair: pair[0], default=None)
+        if weakest is not None and weakest[0] < least:
+            best = weakest[1]
+            continue
+        lean = _lean(book, best)
+        if lean == best:
+            return best
+        best = lean
+
+
+def _fewer(book: Book, best: Members) -> list[Members]:
+    """For each effect the best set without it: the others may do its part in more detail."""
+    found = []
+    for name in best.names:
+        less = best.without(name)
+        if less not in book:
+            book.race([Start(less, dict(book[best].values)), Start(less, None)])
+        rest = (m for m in book.leading if m.hypothesis == less.hypothesis)
+        found.append(next(rest, less))
+    return found
+
+
+def _lean(book: Book, best: Members) -> Members:
+    """The set without the details that do not pay for themselves."""
+    for name in best.free:
+        less = Members(best.base, best.effects, tuple(k for k in best.free if k != name))
+        if less not in book:
+            book.race([Start(less, dict(book[best].values))])
+        if less in book and book.price(less) < book.price(best):
+            return less
+    return best
+
+
+def _explains(book: Book, less: Members, fit: Fit) -> float:
+    return worth(book.settled(less), fit, book.colour) if less in book else float("inf")
+
+
+def _steps(
+    book: Book, best: Members, suspects: Sequence[Suspect], least: float, judge: Judge
+) -> tuple[Step, ...]:
+    """The effects of a set, each next one the one that explains most of what was left."""
+    below = best
+    for name in best.names:
+        below = below.without(name)
+    if below not in book:
+        book.race([Start(below, dict(book.foot.values)), Start(below, None)])
+    found: list[Step] = []
+    while below in book and len(found) < len(best.effects):
+        lacking = [e for e in best.effects if e.name not in below.names]
+        details = {
+            e.name: tuple(k for k in best.free if k.split(".")[0] == e.name) for e in lacking
+        }
+        nexts = []
+        for effect in lacking:
+            more = below.with_(effect)
+            more = Members(
+                more.base, more.effects, tuple(sorted({*more.free, *details[effect.name]}))
+            )
+            if more not in book:
+                book.race([Start(more, dict(book[best].values)), Start(more, None)])
+            if more in book:
+                nexts.append((book.price(more), effect, more))
+        if not nexts:
+            break
+        _, effect, more = min(nexts, key=lambda one: one[0])
+        before, after = book.settled(below), book.settled(more)
+        p_value = min((s.p_value for s in suspects if s.name == effect.name), default=1.0)
+        found.append(
+            Step(
+                name=effect.name, effect=effect, group=_group(book, best, effect.name, least),
+                rms_before=before.rms, rms_after=after.rms, held_out_before=judge.error(before),
+                held_out_after=judge.error(after), delta_bic=book.price(below) - book.price(more),
+                p_value=p_value, fit=with_statistics(after),
+            )
+        )  # fmt: skip
+        below = more
+    return tuple(found)
+
+
+def _group(book: Book, best: Members, name: str, least: float) -> tuple[str, ...]:
+    """An effect and those in whose place it is not resolved, itself first.
+
+    Not resolved is an exchange that costs less than the criterion can resolve, or one that leaves
+    more by less than is worth a name, of what is left and of what the effect explains.
+    """
+    rest = {n for n in best.names if n != name}
+    fit, below = book[best], best.without(name)
+    left = remaining(fit, book.colour)
+    explained = remaining(book[below], book.colour) - left if below in book else left
+    found = [name]
+    for members in book.sets:
+        others = [n for n in members.names if n not in rest]
+        if len(others) != 1 or set(members.names) != rest | set(others) or others[0] in found:
+            continue
+        even = book.price(members) - book.price(best) < RESOLUTION
+        behind = remaining(book[members], book.colour) - left
+        if even or behind < least**2 * min(left, explained):
+            found.append(others[0])
+    return tuple(found)
+
+
+def _refined(book: Book, best: Members) -> tuple[str, ...]:
+    own = book.base.base
+    joined = [n for n, e in best.base if n not in own and n != best.law]
+    return (*joined, *best.free)
+
+
+def _rivals(book: Book, best: Members, judge: Judge) -> tuple[Rival, ...]:
+    """The best set with each hysteresis law but the foot's, against the best with that one."""
+    own = book.base.law
+    of_law: dict[str | None, Members] = {}
+    for members in book.sets:
+        of_law.setdefault(members.law, members)
+    home = of_law.get(own)
+    if home is None or own is None:
+        return ()
+    found = []
+    for law, members in of_law.items():
+        if law is None or law == own:
+            continue
+        gain = book.price(home) - book.price(members)
+        without = tuple(n for n in best.names if n not in members.names)
+        error = judge.error(book[members])
+        found.append(Rival(law, book[members].rms, error, gain, gain > RESOLUTION, without))
+    return tuple(sorted(found, key=lambda r: r.rms))
