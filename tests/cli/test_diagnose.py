@@ -107,7 +107,7 @@ def test_names_what_is_missing_and_writes_it_down(parts: tuple[Path, Path], tmp_
     assert step["rms_before"] == data["rms_baseline"]
     assert step["rms_after"] == data["rms_final"]
     assert step["held_out_before"] > 2.0 * noise
-    assert step["held_out_after"] == pytest.approx(noise, rel=0.05)
+    assert step["held_out_after"] == pytest.approx(noise, rel=0.1)
     assert step["delta_bic"] > 1000.0
     assert step["p_value"] < 1e-6
     assert step["parameters"]["creep.c"]["value"] > 5.0 * step["parameters"]["creep.c"]["std"]
