@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         close_loop,
         linearise,
         margins,
+        optimal_feedforward,
         tune_lqr,
         tune_mpc,
         tune_pid,
@@ -134,6 +135,7 @@ __all__ = [
     "load_campaign",
     "load_fit",
     "margins",
+    "optimal_feedforward",
     "physics",
     "priors_from",
     "profile_likelihood",
@@ -159,8 +161,8 @@ __all__ = [
 _ROOMS: Final = {
     "comparison": "Comparison compare uncontrolled_iae",
     "control": (
-        "Limits MPC ModelPlant PID close_loop linearise margins tune_lqr tune_mpc tune_pid "
-        "tune_shaper"
+        "Limits MPC ModelPlant PID close_loop linearise margins optimal_feedforward tune_lqr "
+        "tune_mpc tune_pid tune_shaper"
     ),
     "datasets": "load load_campaign",
     "diagnosis": "Diagnosis Effort diagnose",

@@ -11,6 +11,7 @@ from piezo_opt.control.modes import Mode, modes
 from piezo_opt.control.mpc import MPC
 from piezo_opt.control.observe import Observer
 from piezo_opt.control.observer import kalman
+from piezo_opt.control.optimal_feedforward import Feedforward, optimal_feedforward
 from piezo_opt.control.pid import PID
 from piezo_opt.control.plant import ModelPlant, Plant
 from piezo_opt.control.robust_shaper import robust
@@ -30,6 +31,7 @@ __all__ = [
     "ClosedLoop",
     "Controller",
     "Criterion",
+    "Feedforward",
     "Identified",
     "InverseCompensation",
     "Limits",
@@ -53,6 +55,7 @@ __all__ = [
     "lqr_as_program",
     "margins",
     "modes",
+    "optimal_feedforward",
     "pole_placement",
     "robust",
     "scenarios",

@@ -44,6 +44,7 @@ class Horizon:
         plant: a fit, or a model with ``values``.
         values: SI values by full name.
         period: [s].
+        finer: times as many Runge-Kutta steps as the fastest pole asks for.
 
     Raises:
         ModelError: the model needs channels, or has a delay.
@@ -51,12 +52,14 @@ class Horizon:
     """
 
     def __init__(
-        self, plant: Fit | Model, values: Mapping[str, float] | None, period: float
-    ) -> None:
+        self, plant: Fit | Model, values: Mapping[str, float] | None, period: float,
+        finer: int = 1,
+    ) -> None:  # fmt: skip
         self.system, self.p = system_of(plant, values)
         self.period = period
         self.states = len(self.system.state_names)
-        self.steps = Steps.of(fastest_pole(self.system, self.p), period)
+        least = Steps.of(fastest_pole(self.system, self.p), period)
+        self.steps = Steps(finer * least.rise, finer * least.held)
         self.library = _library(self.system)
 
     def rest(self, drive: float) -> FloatArray:

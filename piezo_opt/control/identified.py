@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.effects import Model
+from piezo_opt.errors import InputError
 from piezo_opt.identification import Fit, load_fit
 from piezo_opt.modelfile import ModelFile, read_model
 from piezo_opt.values import Values
@@ -64,10 +65,15 @@ def identified(source: Source, values: Mapping[str, float] | None = None) -> Ide
         values: SI values by full name that go before its own.
 
     Raises:
-        InputError: the file holds no model.
-        ModelError: a value has no parameter.
+        InputError: the file holds no model, or a value has no parameter.
     """
     known = _identified(source)
+    for name in values or {}:
+        if name not in known.model.parameters:
+            raise InputError(
+                f"values: the model has no parameter '{name}'; it has "
+                f"{', '.join(known.model.parameters)}."
+            )
     return known if not values else replace(known, values=known.values.with_(values))
 
 

@@ -48,6 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("lqr", ("--delay", "1", "--shape", "step"), "1 of delay"),
         ("mpc", ("--horizon", "10", "--periods", "1"), "horizon 10 periods (5 ms)"),
         ("shaper", ("--spread", "0.03"), "Take "),
+        ("feedforward", ("--slew", "4 kV/s"), "the model errs by"),
     ],
 )
 def test_each_designs_says_draws_and_writes(
@@ -58,8 +59,9 @@ def test_each_designs_says_draws_and_writes(
     assert done.exit_code == 0, done.output
     assert said in done.stdout
     data = json.loads(out.read_text())
-    assert data["schema"] == f"piezo_opt/tune_{kind}/1"
-    assert data["controller"]["kind"] == kind
+    if kind != "feedforward":
+        assert data["schema"] == f"piezo_opt/tune_{kind}/1"
+        assert data["controller"]["kind"] == kind
     assert picture.read_bytes()[:4] == b"\x89PNG"
     again = run(kind, folder / "fit.json", "--json", out)
     assert again.exit_code == 2
@@ -82,6 +84,16 @@ def test_a_record_is_followed(folder: Path) -> None:
     done = run("pid", folder / "fit.json", "--reference", folder / "record.csv")
     assert done.exit_code == 0, done.output
     assert "the position of stage, from rest, 999 samples" in done.stdout
+
+
+def test_a_feedforward_can_be_played(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "drive.csv"
+    done = run("feedforward", folder / "fit.json", "--out", out, "--json", tmp_path / "f.json")
+    assert done.exit_code == 0, done.output
+    data = json.loads((tmp_path / "f.json").read_text())
+    played = np.loadtxt(out, delimiter=",", skiprows=2)
+    assert played[:, 1] == pytest.approx(np.array(data["drive"]), abs=1e-6)
+    assert np.abs(np.diff(played[:, 0]) - 5e-4).max() < 1e-9
 
 
 @pytest.mark.parametrize(

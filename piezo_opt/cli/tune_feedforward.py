@@ -1,0 +1,51 @@
+"""``piezo-opt tune feedforward``: the drive that makes a fitted actuator follow a reference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from piezo_opt.cli import outputs
+from piezo_opt.cli.groups import grouped
+from piezo_opt.cli.telling import telling
+from piezo_opt.cli.tuning import Actuator, Loop, Reference, Result, asked, described, tune
+
+
+@tune.command()
+@grouped
+def feedforward(
+    fit: Actuator, reference: Reference, loop: Loop, result: Result,
+    effort: Annotated[
+        float, typer.Option(metavar="1e-7", help="Weight of the drive's moves.")
+    ] = 1e-7,
+    out: Annotated[
+        Path | None, typer.Option(metavar="OUT.csv", help="The drive, to be played.")
+    ] = None,
+) -> None:  # fmt: skip
+    """The drive that makes the actuator follow a reference without a sensor.
+
+    \b
+    Examples:
+      piezo-opt tune feedforward fit.json --out drive.csv
+      piezo-opt tune feedforward fit.json --reference wanted.csv --slew "5 kV/s" --out drive.csv
+    """
+    from piezo_opt.control import ClosedLoop, optimal_feedforward
+    from piezo_opt.report.control import loops
+
+    result.check(fit, reference.reference)
+    outputs.check({"--out": out}, overwrite=result.overwrite, inputs=(fit, reference.reference))
+    what = asked(fit, reference, loop)
+    with telling("Feedforward") as tell:
+        found = optimal_feedforward(
+            what.actuator, what.reference, period=what.period, limits=what.limits, effort=effort,
+            progress=tell,
+        )  # fmt: skip
+    if out is not None:
+        found.to_drive().write(out, overwrite=result.overwrite)
+    run = ClosedLoop(found.time, found.reference, found.predicted, found.predicted, found.drive)
+    result.deliver(
+        f"For {what.told}:\n{found}", {**found.to_dict(), **described(what, fit)},
+        None if result.picture is None else loops([run], "Feedforward", what.limits),
+    )  # fmt: skip
