@@ -298,7 +298,7 @@ def _typed(core: ctypes.CDLL) -> ctypes.CDLL:
     core.po_run.argtypes = [_POINTER, ctypes.c_long, _POINTER, _POINTER]
     core.po_start.argtypes = [*[_POINTER] * 7, ctypes.c_long, *[_POINTER] * 2]
     core.po_slopes.argtypes = [_POINTER, *[ctypes.c_double] * 3, *[_POINTER] * 6]
-    core.po_translate.argtypes = [*[_POINTER] * 3, ctypes.c_long, _POINTER]
+    core.po_translate.argtypes = [*[_POINTER] * 3, ctypes.c_long, *[_POINTER] * 3]
     core.po_translate.restype = _POINTER
     core.po_suits.argtypes = [_POINTER, _POINTER, ctypes.c_long]
     core.po_release.argtypes = [_POINTER]
@@ -418,7 +418,7 @@ class ComposedEngine:
             address = self._core.po_translate(
                 self._plan, self._moves.ctypes.data,
                 None if self._clocks is None else self._clocks.ctypes.data, self._shape[1],
-                s.ctypes.data,
+                s.ctypes.data, None, None,
             )  # fmt: skip
             if address is None:
                 return None

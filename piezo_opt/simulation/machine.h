@@ -641,7 +641,8 @@ typedef struct {
     int64_t size, room;
     int *reg, *use, *spilled, *after; /* of each value; after: of each operand its next use */
     unsigned char *lost;
-    int held[REGISTERS], spills, constants, *constant_at;
+    int held[REGISTERS], spills, *constant_at;
+    int left[3], n_left, *room_left, n_room_left; /* places whose values are not needed any more */
     int64_t spill;
 } po_coder;
 
@@ -701,7 +702,7 @@ static int in_store(const po_coder *const c, const int v)
 static void save(po_coder *const c, const int v)
 {
     if (in_store(c, v)) return;
-    c->spilled[v] = c->spills++;
+    c->spilled[v] = c->n_room_left ? c->room_left[--c->n_room_left] : c->spills++;
     vex(c, 1, 1, 0, 0, 0x29, c->reg[v], 0, spill_of(c, v), 0);
 }
 
@@ -766,7 +767,11 @@ static po_operand last_operand(po_coder *const c, const int v, const int again,
 static void used_up(po_coder *const c, const int v, const int again)
 {
     c->use[v] = again;
-    if (again == NEVER) let_go(c, v);
+    if (again < NEVER) return;
+    let_go(c, v);
+    if (c->spilled[v] < 0) return;
+    c->left[c->n_left++] = c->spilled[v];
+    c->spilled[v] = NOTHING;
 }
 
 static void result(po_coder *const c, const int k, const int r)
@@ -803,7 +808,7 @@ static void code_call(po_coder *const c, const int k)
     whole(c, (int64_t)(uintptr_t)one->by.called, 8);
     byte(c, 0xff), byte(c, 0xd0);
     vex(c, 2, 1, 0, 0, 0x19, 0, 0, in_register(0), 0);
-    for (int i = 0; i < 2 && one->in[i] >= 0; ++i) c->use[one->in[i]] = again[i];
+    for (int i = 0; i < 2 && one->in[i] >= 0; ++i) used_up(c, one->in[i], again[i]);
     result(c, k, 0);
 }
 
@@ -887,6 +892,8 @@ static void code(po_coder *const c, const int k)
 {
     const po_instruction *const one = c->t->list + k;
     if (one->op <= M_CONSTANT) return;
+    /* Not before now: the instruction itself may have read them there. */
+    while (c->n_left) c->room_left[c->n_room_left++] = c->left[--c->n_left];
     if (one->op == M_CALL || one->op == M_POWER) code_call(c, k);
     else if (one->op >= M_STORE) code_store(c, k);
     else if (one->op >= M_JOIN && one->op <= M_JOIN_LESS) code_join(c, k);
@@ -921,10 +928,11 @@ static void joined(po_trace *const t, int *const uses)
 }
 
 /* Bytes of a function that does what a list says, behind its constants; where it begins. */
-static int64_t coded(po_trace *const t, po_coder *const c, const int64_t spill)
+static int64_t coded(po_trace *const t, po_coder *const c, const int64_t spill,
+                     po_instruction *const told)
 {
     const int n = t->count + 1;
-    int *const all = malloc(sizeof(int) * 8 * n);
+    int *const all = malloc(sizeof(int) * 9 * n);
     c->lost = calloc(n, 1);
     if (!all || !c->lost || t->failed) {
         free(all);
@@ -935,9 +943,14 @@ static int64_t coded(po_trace *const t, po_coder *const c, const int64_t spill)
     int *const uses = all;
     c->t = t;
     c->reg = all + n, c->use = all + 2 * n, c->spilled = all + 3 * n, c->constant_at = all + 4 * n;
-    c->after = all + 5 * n;
+    c->after = all + 5 * n, c->room_left = all + 8 * n;
+    c->n_left = c->n_room_left = 0;
     c->spill = spill;
     joined(t, uses);
+    for (int k = 0; k < t->count && told; ++k) {
+        told[k] = t->list[k];
+        if (!uses[k] && told[k].op < M_STORE) told[k].op = NOTHING;
+    }
     for (int k = 0; k < t->count; ++k) {
         c->reg[k] = c->spilled[k] = NOTHING;
         c->use[k] = NEVER;
@@ -986,9 +999,10 @@ void po_release(po_code *const code) { if (code) code_release(code); }
 
 /* Machine code for D directions, or null where there can be none. MOVES and CLOCKS as for po_run;
    S: sensitivities of the states at the start, of which only those that are zero now may be zero
-   for ever. */
+   for ever. TOLD, unless null, takes the instructions of step and reading, and COUNTS how many. */
 po_code *po_translate(const po_plan *const p, const int *const MOVES, const int *const CLOCKS,
-                      const long D, const double *const S)
+                      const long D, const double *const S, po_instruction *const *const TOLD,
+                      int *const COUNTS)
 {
     const int many = (int)((D + 3) / 4);
     const long N = (D + 7) / 8;
@@ -1030,7 +1044,8 @@ po_code *po_translate(const po_plan *const p, const int *const MOVES, const int 
             for (int64_t i = 0; i < p->count * many; ++i) w.row[i] = UNKNOWN;
             if (which) write_reading(&w, &places);
             else write_step(&w, &places);
-            begins[which] = coded(&w.trace, &c, at.bytes);
+            begins[which] = coded(&w.trace, &c, at.bytes, TOLD ? TOLD[which] : NULL);
+            if (TOLD) COUNTS[which] = w.trace.count;
             good = !w.trace.failed && c.size <= c.room;
         }
         if (good) {
@@ -1069,6 +1084,7 @@ int po_suits(const po_code *const code, const double *const S, const long D)
 #else
 void po_release(po_code *const code) {}
 po_code *po_translate(const po_plan *const p, const int *const MOVES, const int *const CLOCKS,
-                      const long D, const double *const S) { return NULL; }
+                      const long D, const double *const S, void *const *const TOLD,
+                      int *const COUNTS) { return NULL; }
 int po_suits(const po_code *const code, const double *const S, const long D) { return 0; }
 #endif
