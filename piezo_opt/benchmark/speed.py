@@ -1,343 +1,383 @@
-"""How fast the simulation runs, compared in one run on one machine.
+"""How fast models are simulated, compared in one run on one machine.
 
-The measure is a loop written by hand: the same Runge-Kutta scheme for the same model, as somebody
-writes it who knows C and this one model, built by the same compiler with the same flags. A program
-that is generated and compiled for one sum of effects should not be slower than that by more than a
-little; one that is composed of compiled effects is, and needs no compiler.
+Two measures that no composed model has a part in: loops written by hand for one model, with and
+without derivatives (``by_hand.c``), and for every model the same instructions as one program of a
+compiler (:mod:`.compiled_whole`). All take turns, and of each the fastest repetition counts, so
+that what else the machine does falls on all of them alike.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
 from time import perf_counter
-from typing import Final, final
+from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
-from piezo_opt.effects import BoucWen, Model, Offset, PiezoGain, SecondMode, SecondOrder
+from piezo_opt.assembly import folded, named
+from piezo_opt.benchmark.compiled_whole import compiled_whole
+from piezo_opt.benchmark.table import table
+from piezo_opt.effects import (
+    BoucWen,
+    Creep,
+    Friction,
+    Model,
+    Offset,
+    PiezoGain,
+    SecondMode,
+    SecondOrder,
+    SensorLag,
+)
 from piezo_opt.errors import PiezoOptError
-from piezo_opt.measurement import Between, Measurement
-from piezo_opt.simulation import INITIAL, Simulator, Substeps
+from piezo_opt.identification import Identification, Start, solve
+from piezo_opt.measurement import Measurement
+from piezo_opt.simulation import Simulator, Substeps
 from piezo_opt.simulation.compiler import load
-from piezo_opt.simulation.emit import emit
-from piezo_opt.simulation.scheme import scheme
+from piezo_opt.simulation.composed import ComposedEngine, program
+from piezo_opt.simulation.schedule import corners
 from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
 
-MODEL: Final[Model] = PiezoGain() + BoucWen() + SecondOrder() + Offset()
-RATE: Final = 5e3
+SCHEMA: Final = "piezo_opt/speed/1"
+RATE: Final = 1e4
 """Samples a second [Hz]."""
-SUBSTEPS: Final = 4
-"""Runge-Kutta sub-steps a sample."""
+_CUT: Final = Substeps(1.0 / RATE, 1e9)
+"""One sub-step a sample."""
 _AGREE: Final = 1e-12
-_VIRTUAL: Final = 5_000
-_ADAPTIVE: Final = 250
-
-_EXPONENT: Final = "bouc_wen.n"
-_BENT: Final = 1.3
-"""The exponent of the loop where it is free."""
-_FREE: Final = ", exponent free"
-
-TWO_MODES: Final[Model] = MODEL + SecondMode()
-_MODES: Final = {
-    "second_order.omega": 0.5 * RATE, "second_mode.g": 0.1, "second_mode.omega": 1.5 * RATE,
+_BASE: Final = PiezoGain() + BoucWen()
+MODELS: Final[tuple[Model, ...]] = (
+    _BASE,
+    _BASE + SecondOrder(),
+    _BASE + Creep() + SecondOrder(),
+    _BASE + Creep() + SecondOrder() + SensorLag(),
+    _BASE + Creep() + SecondOrder() + SecondMode() + Friction(),
+)
+HAND: Final[Model] = _BASE + SecondOrder() + Offset()
+"""The model that is written by hand, and fitted."""
+_RESONANCES: Final = {
+    "second_order.omega": 2.0 * np.pi * 400.0, "second_mode.omega": 2.0 * np.pi * 900.0,
 }  # fmt: skip
-"""Resonances at a twelfth and a quarter of the sampling rate."""
 
-STRAIGHT: Final = "#define LOOP(h) (a - b * (h) - g * fabs(h))\n"
-POWER: Final = "#define LOOP(h) (a - pow(fabs(h) / 1e-6, n - 1.0) * (b * (h) + g * fabs(h)))\n"
-"""Rate of the loop, with an exponent of one and with any."""
 
-BY_HAND: Final = """\
-#include <math.h>
+@final
+@dataclass(frozen=True)
+class Pair:
+    """A model's nanoseconds for one sample, ours and of what it is judged by.
 
-void po_run(const long count, const int m, const double step, const double *restrict U,
-            const double *restrict P, double *restrict Y)
-{
-    const double d = P[0], alpha = P[1], beta = P[2], gamma = P[3];
-    const double w2 = P[4] * P[4], c = 2.0 * P[5] * P[4], y0 = P[6], n = P[7];
-    const double dt = step / m, half = 0.5 * dt, sixth = dt / 6.0;
-    double h = 0.0, x = d * U[0], v = 0.0;
-    Y[0] = x + y0;
-    for (long k = 1; k < count; ++k) {
-        const double du = (U[k] - U[k - 1]) / step;
-        const double a = alpha * du, b = beta * fabs(du), g = gamma * du;
-        double u = U[k - 1];
-        for (int i = 0; i < m; ++i) {
-            const double um = u + half * du, ue = u + dt * du;
-            const double h1 = LOOP(h);
-            const double x1 = v, v1 = w2 * (d * u - h - x) - c * v;
-            const double ha = h + half * h1, xa = x + half * x1, va = v + half * v1;
-            const double h2 = LOOP(ha);
-            const double x2 = va, v2 = w2 * (d * um - ha - xa) - c * va;
-            const double hb = h + half * h2, xb = x + half * x2, vb = v + half * v2;
-            const double h3 = LOOP(hb);
-            const double x3 = vb, v3 = w2 * (d * um - hb - xb) - c * vb;
-            const double hc = h + dt * h3, xc = x + dt * x3, vc = v + dt * v3;
-            const double h4 = LOOP(hc);
-            const double x4 = vc, v4 = w2 * (d * ue - hc - xc) - c * vc;
-            h += sixth * (h1 + 2.0 * (h2 + h3) + h4);
-            x += sixth * (x1 + 2.0 * (x2 + x3) + x4);
-            v += sixth * (v1 + 2.0 * (v2 + v3) + v4);
-            u = ue;
-        }
-        Y[k] = x + y0;
-    }
-}
-"""
+    Attributes:
+        name: the model.
+        directions: derivatives that are simulated along.
+        ours: the composed model.
+        judge: the program that it is judged by.
+    """
+
+    name: str
+    directions: int
+    ours: float
+    judge: float
+
+    @property
+    def ratio(self) -> float:
+        """Ours over the judge's."""
+        return self.ours / self.judge
+
+
+@final
+@dataclass(frozen=True)
+class Library:
+    """The library of all effects, in a process of its own with an empty cache.
+
+    Attributes:
+        seconds: wall time of building it.
+        processor: processor time of the compiler [s].
+        loaded_mb: largest memory of a process that has loaded it and simulated one model [MB].
+    """
+
+    seconds: float
+    processor: float
+    loaded_mb: float
 
 
 @final
 @dataclass(frozen=True)
 class Speed:
-    """One way to simulate.
+    """What :func:`measure` found.
 
     Attributes:
-        name: what ran.
-        per_sample: [ns] a sample, the fastest of the repetitions.
-        per_substep: [ns] a sub-step; None for an integrator of another kind.
-        ratio: time over that of the loop written by hand.
-        note: what was measured, where it is not the whole record.
+        samples, repetitions: length of the record, and runs of each, in turns.
+        whole: composed models beside programs compiled whole, without and with derivatives.
+        hand: the model that is written by hand, without and with derivatives.
+        first_ms: for each model from ``Model`` to its first reading, the library loaded [ms].
+        fit_ms: a whole fit of 7 parameters, start values included [ms].
+        fit_simulations: simulations with derivatives that it would pay for.
+        lengths: nanoseconds a sample with derivatives, by the record's length.
+        peak_mb: largest memory of this process so far [MB].
+        library: how it was built; None where that was not asked.
+        disagreement: largest difference of ours and a judge's readings over the range.
     """
 
-    name: str
-    per_sample: float
-    per_substep: float | None
-    ratio: float
-    note: str = ""
-
-
-@final
-@dataclass(frozen=True)
-class SpeedTable:
-    """Ways to simulate one record, compared.
-
-    Attributes:
-        rows: the loop written by hand first.
-        samples: length of the record.
-        repetitions: runs of each, taken in turns; the fastest counts.
-        operations: floating-point operations of the generated sub-step.
-        chain: how many of them wait for one another.
-        disagreement: largest difference of generated and hand-written, as a share of the range.
-    """
-
-    rows: tuple[Speed, ...]
     samples: int
     repetitions: int
-    operations: int
-    chain: int
+    whole: tuple[Pair, ...]
+    hand: tuple[Pair, ...]
+    first_ms: Mapping[str, float]
+    fit_ms: float
+    fit_simulations: float
+    lengths: Mapping[int, float]
+    peak_mb: float
+    library: Library | None
     disagreement: float
 
-    def __getitem__(self, name: str) -> Speed:
-        return next(row for row in self.rows if row.name == name)
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data with a ``schema`` key."""
+        def pairs(of: Sequence[Pair]) -> list[dict[str, Any]]:
+            return [{**one.__dict__, "ratio": one.ratio} for one in of]
 
-    @property
-    def why(self) -> str:
-        """Where the time goes, in a sentence."""
-        by_hand, ours = self["by hand"], self["compiled"]
-        return (
-            f"A generated sub-step is {self.operations} operations, {self.chain} of them one after "
-            f"the other (the compiler joins most products with the sum that follows): "
-            f"{ours.per_substep:.1f} ns, written by hand {by_hand.per_substep:.1f} ns."
-        )
+        return {
+            "schema": SCHEMA, **self.__dict__, "whole": pairs(self.whole),
+            "hand": pairs(self.hand), "first_ms": dict(self.first_ms),
+            "lengths": {str(n): ns for n, ns in self.lengths.items()},
+            "library": None if self.library is None else dict(self.library.__dict__),
+        }  # fmt: skip
 
     def __str__(self) -> str:
-        lines = [
-            f"{self.samples} samples, {SUBSTEPS} Runge-Kutta sub-steps a sample, fastest of "
-            f"{self.repetitions}; results agree to {self.disagreement:.0e} of the range",
-            f"  {'':<28} {'ns/sample':>10} {'ns/sub-step':>12} {'ratio':>9}",
-        ]
-        for row in self.rows:
-            part = "" if row.per_substep is None else f"{row.per_substep:.1f}"
-            lines.append(
-                f"  {row.name:<28} {row.per_sample:>10.0f} {part:>12} {row.ratio:>9.2f}  {row.note}"
+        def told(of: Sequence[Pair], judge: str) -> str:
+            header = ("model", "derivatives", "ns/sample", judge, "ratio")
+            return table(header, [
+                (p.name, str(p.directions), f"{p.ours:.1f}", f"{p.judge:.1f}", f"{p.ratio:.2f}")
+                for p in of
+            ])  # fmt: skip
+
+        parts = [
+            f"{self.samples} samples, one sub-step a sample, fastest of {self.repetitions}; "
+            f"readings agree to {self.disagreement:.0e} of the range",
+            told(self.whole, "compiled whole"), told(self.hand, "by hand"),
+            table(("from Model to its first reading", "ms"),
+                  [(n, f"{ms:.1f}") for n, ms in self.first_ms.items()]),
+            f"A fit of 7 parameters takes {self.fit_ms:.1f} ms, as long as "
+            f"{self.fit_simulations:.0f} simulations with derivatives.",
+            table(("samples", "ns/sample with derivatives"),
+                  [(f"{n:.0e}", f"{ns:.1f}") for n, ns in self.lengths.items()]),
+            f"This process took {self.peak_mb:.0f} MB at most.",
+        ]  # fmt: skip
+        if self.library is not None:
+            parts.append(
+                f"The library of all effects took {self.library.seconds:.1f} s to build, "
+                f"{self.library.processor:.1f} s of processor time; a process with it and one "
+                f"simulated model takes {self.library.loaded_mb:.0f} MB."
             )
-        return "\n".join([*lines, self.why])
+        return "\n\n".join(parts)
 
 
-def measure(samples: int = 100_000, repetitions: int = 7, *, references: bool = True) -> SpeedTable:
-    """Compare simulations of one record in one run.
+def measure(
+    samples: int = 8000,
+    repetitions: int = 15,
+    lengths: Sequence[int] = (10_000, 100_000, 1_000_000),
+    *,
+    library: bool = True,
+    progress: Callable[[str], object] = str,
+) -> Speed:
+    """Measure all of it.
 
     Args:
         samples: length of the record.
-        repetitions: runs of each way, in turns.
-        references: CasADi's virtual machine and SciPy's ``solve_ivp`` too, on the record's
-            beginning, because the whole would take minutes.
+        repetitions: runs of each, in turns.
+        lengths: of the records that show whether time is linear in samples.
+        library: whether the library of all effects is built anew, in an empty folder.
+        progress: told what is measured next.
 
     Raises:
         PiezoOptError: there is no C compiler, or the results do not agree.
+        ModelError: this machine has no machine code for composed models.
     """
-    record, values = _record(samples), Values.nominal(MODEL)
-    bent = values.with_({_EXPONENT: _BENT})
-    directions = (*_free(), INITIAL + "bouc_wen.h")
-    cut = Substeps(1.0 / (RATE * SUBSTEPS), 1e9)
-    ours = Simulator(MODEL, record, values, directions=directions, substeps=cut, whole=True)
-    parts = Simulator(MODEL, record, values, directions=directions, substeps=cut, whole=False)
-    free = Simulator(
-        MODEL, record, bent, directions=(*directions, _EXPONENT), substeps=cut, whole=True
-    )
-    libraries = [load(law + BY_HAND) for law in (STRAIGHT, POWER)]
-    if libraries[0] is None or libraries[1] is None or not ours.compiled:
-        raise PiezoOptError("The speed of compiled code needs a C compiler: install gcc or clang.")
-    by_hand = _by_hand(libraries[0], record, values)
-    by_power = _by_hand(libraries[1], record, bent)
-    swinging = Values.nominal(TWO_MODES).with_(_MODES)
-    struck = _struck(samples)
-    stepped, exact = (
-        Simulator(TWO_MODES, struck, swinging, exact=linear, whole=True) for linear in (False, True)
-    )
-    ways: dict[str, tuple[Callable[[], object], int, float | None, str]] = {
-        "by hand": (by_hand, samples, SUBSTEPS, ""),
-        "compiled": (lambda: ours.reading(values), samples, SUBSTEPS, ""),
-        f"with {len(directions)} sensitivities": (
-            lambda: ours.with_sensitivities(values), samples, SUBSTEPS, "",
-        ),
-        "composed": (lambda: parts.reading(values), samples, SUBSTEPS, ""),
-        f"composed, {len(directions)} sensitivities": (
-            lambda: parts.with_sensitivities(values), samples, SUBSTEPS, "",
-        ),
-        f"by hand{_FREE}": (by_power, samples, SUBSTEPS, "pow of the C library"),
-        f"compiled{_FREE}": (lambda: free.reading(bent), samples, SUBSTEPS, ""),
-        f"with {len(free.directions)} sensitivities": (
-            lambda: free.with_sensitivities(bent), samples, SUBSTEPS, "",
-        ),
-        "two modes, steps": (
-            lambda: stepped.reading(swinging), samples, stepped.accuracy.per_sample, _cut(stepped),
-        ),
-        "the linear part exact": (
-            lambda: exact.reading(swinging), samples, exact.accuracy.per_sample, _cut(exact),
-        ),
-    }  # fmt: skip
-    if references:
-        short = _record(min(samples, _VIRTUAL))
-        virtual = Simulator(MODEL, short, values, substeps=cut, prefer_compiled=False)
-        brief = _record(min(samples, _ADAPTIVE))
-        ways["CasADi's virtual machine"] = (
-            lambda: virtual.reading(values), len(short), SUBSTEPS, f"first {len(short)} samples",
-        )  # fmt: skip
-        ways["scipy solve_ivp"] = (
-            lambda: _solve_ivp(brief, values), len(brief), None,
-            f"first {len(brief)} samples, RK45, rtol 1e-6",
-        )  # fmt: skip
-    disagreement = max(
-        *(_difference(one.reading(values), by_hand()) for one in (ours, parts)),
-        _difference(free.reading(bent), by_power()),
-    )
-    if not disagreement <= _AGREE:
-        raise PiezoOptError(
-            f"Generated and hand-written code differ by {disagreement:.1e} of the range: report it."
-        )
-    fastest = dict.fromkeys(ways, float("inf"))
-    for run, *_ in ways.values():
-        run()  # compiles, fills caches
-    for turn in range(repetitions):
-        for name, (run, length, _, _) in ways.items():
-            if length < samples and turn >= 2:
-                continue
-            begin = perf_counter()
-            run()
-            fastest[name] = min(fastest[name], (perf_counter() - begin) / length * 1e9)
-    operations, chain = _size(ours)
-    return SpeedTable(
-        rows=tuple(
-            Speed(
-                name, fastest[name], None if steps is None else fastest[name] / steps,
-                fastest[name] / fastest["by hand"], note,
-            )
-            for name, (_, _, steps, note) in ways.items()
-        ),
-        samples=samples,
-        repetitions=repetitions,
-        operations=operations,
-        chain=chain,
-        disagreement=disagreement,
+    record = _record(samples)
+    simulate_once = Simulator(_BASE + Offset(), record, _values(_BASE + Offset()), substeps=_CUT)
+    simulate_once.reading(_values(_BASE + Offset()))  # the library is loaded
+    first_ms, pairs, off = {}, [], 0.0
+    for model in MODELS:
+        name = " + ".join(model.names)
+        progress(name)
+        first_ms[name] = _first(model, record)
+        for directions in ((), _free(model)):
+            ours, judge = (_engine(model, record, directions, whole) for whole in (False, True))
+            off = max(off, _difference(ours()[0], judge()[0]))
+            best = _fastest([ours, judge], repetitions, samples)
+            pairs.append(Pair(name, len(directions), *best))
+    progress("by hand")
+    hand, more = _hand(record, repetitions)
+    off = max(off, more)
+    if not off <= _AGREE:
+        raise PiezoOptError(f"Readings differ by {off:.1e} of the range: report it.")
+    progress("fit")
+    fit_ms, fit_simulations = _fit(samples, max(3, repetitions // 3))
+    by_length = {}
+    for length in lengths:
+        progress(f"{length} samples")
+        run = _engine(HAND, _record(length), _free(HAND), False)
+        by_length[length] = _fastest([run], 3, length)[0]
+    if library:
+        progress("library")
+    return Speed(
+        samples, repetitions, tuple(pairs), hand, first_ms, fit_ms, fit_simulations, by_length,
+        _peak(), _built() if library else None, off,
     )  # fmt: skip
 
 
-def _cut(simulator: Simulator) -> str:
-    return f"{simulator.accuracy.per_sample:.1f} sub-steps a sample, as chosen"
-
-
-def _difference(found: FloatArray, expected: FloatArray) -> float:
-    """Largest difference of two readings, as a share of the range."""
-    return float(np.abs(found - expected).max() / np.ptp(expected))
-
-
-def _size(simulator: Simulator) -> tuple[int, int]:
-    """Operations of the generated sub-step, and how many of them wait for one another."""
-    step = scheme(simulator.system).step
-    names = [step.name_in(i) for i in range(step.n_in())]
-    moving = [2 if n in ("t", "x", "u", "c") else 1 for n in names]
-    block = emit(step, names, moving, "a", 3)
-    return len(block.levels[2]), block.chain
-
-
-def _free() -> tuple[str, ...]:
-    return tuple(n for n, p in MODEL.parameters.items() if not p.fixed)
+def _peak() -> float:
+    """Largest memory of this process [MB]."""
+    status = Path("/proc/self/status")
+    if status.exists():  # what the system counts includes that of the process that started this one
+        line = next(one for one in status.read_text().splitlines() if one.startswith("VmHWM"))
+        return int(line.split()[1]) / 1024.0
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return most / (1024.0**2 if sys.platform == "darwin" else 1024.0)
 
 
 def _record(samples: int) -> Measurement:
     time = np.arange(samples) / RATE
-    drive = 50.0 + 40.0 * np.sin(2 * np.pi * 5.0 * time) * np.cos(2 * np.pi * 0.3 * time)
+    drive = 75.0 + 75.0 * np.sin(2 * np.pi * 10.0 * time) * np.sin(2 * np.pi * 1.3 * time)
     return Measurement(time=time, drive=drive, position=1e-7 * drive, name="speed")
 
 
-def _struck(samples: int) -> Measurement:
-    """Steps of a held drive, after which a resonance swings."""
-    time = np.arange(samples) / RATE
-    drive = 50.0 + 20.0 * np.sign(np.sin(2 * np.pi * 50.0 * time + 0.1))
-    return Measurement(time, drive, 1e-7 * drive, between=Between.HELD)
+def _values(model: Model) -> Values:
+    nominal = Values.nominal(model)
+    return nominal.with_({k: v for k, v in _RESONANCES.items() if k in nominal})
 
 
-def _by_hand(library: ctypes.CDLL, record: Measurement, values: Values) -> Callable[[], FloatArray]:
-    function = library.po_run
-    function.restype = None
-    address = ctypes.c_void_p
-    function.argtypes = [ctypes.c_long, ctypes.c_int, ctypes.c_double, address, address, address]
-    drive = np.ascontiguousarray(record.drive)
-    p = values.vector((
-        "piezo_gain.d", "bouc_wen.alpha", "bouc_wen.beta", "bouc_wen.gamma", "second_order.omega",
-        "second_order.zeta", "offset.y0", _EXPONENT,
-    ))  # fmt: skip
+def _free(model: Model) -> tuple[str, ...]:
+    return tuple(n for n, p in model.parameters.items() if not p.fixed)
 
-    def run() -> FloatArray:
-        reading = np.empty(drive.size)
-        function(
-            drive.size, SUBSTEPS, 1.0 / RATE, drive.ctypes.data, p.ctypes.data,
-            reading.ctypes.data,
-        )  # fmt: skip
-        return reading
+
+def _first(model: Model, record: Measurement) -> float:
+    """Milliseconds from a model that nobody has asked for yet to its first reading."""
+    short = record.slice(None, float(record.time[10]))
+    begin = perf_counter()
+    values = _values(model)
+    Simulator(model, short, values, substeps=_CUT).reading(values)
+    return 1e3 * (perf_counter() - begin)
+
+
+def _engine(
+    model: Model, record: Measurement, directions: tuple[str, ...], whole: bool
+) -> Callable[[], tuple[FloatArray, FloatArray]]:
+    """Runs a model, composed or compiled whole: readings and derivatives."""
+    system, values = named(model, folded(model)), _values(model)
+    composed = program(system, False)
+    if composed is None:
+        raise PiezoOptError("The speed of compiled code needs a C compiler: install gcc or clang.")
+    engine = ComposedEngine(composed, directions)
+    p = values.vector(system.parameter_names)
+    axis = corners(record, system.channel_names).sampled
+    cut = _CUT.of(axis)
+    x, s = engine.start(axis, p, np.zeros(len(system.state_names)))
+    held = compiled_whole(engine, s) if whole else None
+
+    def run(_: object = held) -> tuple[FloatArray, FloatArray]:
+        done = engine.run(axis, cut, p, x, s)
+        return done.reading, done.sensitivities
 
     return run
 
 
-def _solve_ivp(record: Measurement, values: Values) -> FloatArray:
-    """The same model as a Python function, integrated by SciPy with its own choice of steps."""
-    d, alpha, beta, gamma, omega, zeta, y0 = values.vector((
-        "piezo_gain.d", "bouc_wen.alpha", "bouc_wen.beta", "bouc_wen.gamma", "second_order.omega",
-        "second_order.zeta", "offset.y0",
-    ))  # fmt: skip
-    time, drive = record.time, record.drive
-    slopes = np.diff(drive) * RATE
+def _fastest(
+    runs: Sequence[Callable[[], object]], repetitions: int, samples: int
+) -> list[float]:
+    """Nanoseconds a sample of each, the fastest of repetitions in turns."""
+    best = [float("inf")] * len(runs)
+    for _ in range(repetitions):
+        for i, run in enumerate(runs):
+            begin = perf_counter()
+            run()
+            best[i] = min(best[i], (perf_counter() - begin) / samples * 1e9)
+    return best
 
-    def rate(t: float, state: FloatArray) -> list[float]:
-        k = min(int(t * RATE), slopes.size - 1)
-        dv = slopes[k]
-        v = drive[k] + dv * (t - time[k])
-        h, x, w = state
-        return [
-            alpha * dv - beta * abs(dv) * h - gamma * dv * abs(h),
-            w,
-            omega * omega * (d * v - h - x) - 2.0 * zeta * omega * w,
-        ]
 
-    solution = solve_ivp(
-        rate, (time[0], time[-1]), [0.0, d * drive[0], 0.0], t_eval=time, rtol=1e-6,
-        atol=[1e-13, 1e-12, 1e-9], max_step=1.0 / RATE,
-    )  # fmt: skip
-    return np.asarray(solution.y[1] + y0)
+def _difference(found: FloatArray, expected: FloatArray) -> float:
+    """Largest difference over the range of what is expected, column by column."""
+    size = np.maximum(np.abs(expected).max(axis=0), np.finfo(float).tiny)
+    return float((np.abs(found - expected).max(axis=0) / size).max(initial=0.0))
+
+
+def _hand(record: Measurement, repetitions: int) -> tuple[tuple[Pair, ...], float]:
+    text = resources.files(__package__).joinpath("by_hand.c").read_text()
+    library = load(text)
+    if library is None:
+        raise PiezoOptError("The speed of compiled code needs a C compiler: install gcc or clang.")
+    names = _free(HAND)
+    p = _values(HAND).vector(names)
+    drive = np.ascontiguousarray(record.drive)
+    pointer = ctypes.c_void_p
+    for function, more in ((library.po_run, 0), (library.po_run_moved, 1)):
+        function.restype = None
+        function.argtypes = [ctypes.c_long, ctypes.c_int, ctypes.c_double, *[pointer] * (3 + more)]
+
+    def by_hand(function: Any, columns: int) -> Callable[[], tuple[FloatArray, FloatArray]]:
+        def run() -> tuple[FloatArray, FloatArray]:
+            y, j = np.empty(drive.size), np.empty((drive.size, columns))
+            out = (y.ctypes.data, j.ctypes.data) if columns else (y.ctypes.data,)
+            function(drive.size, 1, 1.0 / RATE, drive.ctypes.data, p.ctypes.data, *out)
+            return y, j
+
+        return run
+
+    pairs, off = [], 0.0
+    for directions, function in (((), library.po_run), (names, library.po_run_moved)):
+        ours, judge = _engine(HAND, record, directions, False), by_hand(function, len(directions))
+        (y, j), (y_hand, j_hand) = ours(), judge()
+        off = max(off, _difference(y, y_hand), 1e-2 * _difference(j, j_hand))
+        best = _fastest([ours, judge], repetitions, drive.size)
+        pairs.append(Pair(" + ".join(HAND.names), len(directions), *best))
+    return tuple(pairs), off
+
+
+def _fit(samples: int, repetitions: int) -> tuple[float, float]:
+    """Milliseconds of a fit of the model that is written by hand, and simulations for the same."""
+    record = _record(samples)
+    truth = _values(HAND).with_({"second_order.omega": 2.0 * np.pi * 180.0})
+    clean = Simulator(HAND, record, truth).reading(truth)
+    noise = np.random.default_rng(1).normal(scale=2e-3 * float(np.ptp(clean)), size=samples)
+    question = Identification(HAND, record.with_(position=clean + noise), start=Start.REST)
+    fit = solve(question)
+    one = Simulator(
+        HAND, record, fit.values, directions=fit.names, substeps=fit.accuracy[0].substeps
+    )
+    whole, single = _fastest(
+        [lambda: solve(question), lambda: one.with_sensitivities(fit.values)], repetitions, 1
+    )
+    return 1e-6 * whole, whole / single
+
+
+_BUILD: Final = """
+import json, resource, time
+begin = time.perf_counter()
+from piezo_opt.simulation.library import catalogue
+assert catalogue() is not None
+seconds = time.perf_counter() - begin
+compiler = resource.getrusage(resource.RUSAGE_CHILDREN)
+from piezo_opt.benchmark import speed
+record = speed._record(8000)
+speed._engine(speed.HAND, record, speed._free(speed.HAND), False)()
+print(json.dumps([seconds, compiler.ru_utime + compiler.ru_stime, speed._peak()]))
+"""
+
+
+def _built() -> Library:
+    """Build the library in an empty folder by a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        told = subprocess.run(
+            [sys.executable, "-c", _BUILD], capture_output=True, text=True, check=True,
+            env={**os.environ, "PIEZO_OPT_CACHE": folder},
+        )  # fmt: skip
+    return Library(*json.loads(told.stdout))

@@ -21,7 +21,7 @@ import platform
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
@@ -69,7 +69,6 @@ def load(
     recipe: str,
     write: Callable[[str], str | Mapping[str, str]] = str,
     progress: Callable[[int, int], None] | None = None,
-    flags: Sequence[str] = (),
 ) -> ctypes.CDLL | None:
     """The compiled library of a recipe, or None when it cannot be built here.
 
@@ -79,7 +78,6 @@ def load(
             ``.c`` are compiled side by side; not called where the library is kept. Unless given,
             the recipe is the C text.
         progress: told how many texts are compiled, and of how many.
-        flags: of the compiler, after :data:`FLAGS`.
 
     Raises:
         InputError: the cache directory is not the user's alone.
@@ -87,7 +85,7 @@ def load(
     compiler = find_compiler()
     if compiler is None:
         return None
-    key = digest(f"{_fingerprint(compiler)}{flags}\n{recipe}".encode())
+    key = digest(f"{_fingerprint(compiler)}\n{recipe}".encode())
 
     def texts() -> Mapping[str, str]:
         told = write(recipe)
@@ -95,7 +93,7 @@ def load(
 
     say = progress or (lambda _done, _all: None)
     loaded = None
-    command = (compiler, *FLAGS, *flags)
+    command = (compiler, *FLAGS)
     with contextlib.suppress(OSError):
         loaded = _load_into(own_directory(), key, texts, command, say)
     return loaded or _load_into(Path(_private_directory()), key, texts, command, say)

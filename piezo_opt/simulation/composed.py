@@ -306,8 +306,24 @@ def _typed(core: ctypes.CDLL) -> ctypes.CDLL:
     return core
 
 
+class _CodeFields(ctypes.Structure):
+    """``po_code`` in ``core.c``."""
+
+    _fields_ = [
+        *((name, _POINTER) for name in ("step", "reading", "memory", "groups")),
+        *((name, _WHOLE) for name in ("bytes", "spills", "states", "first")),
+    ]
+
+
+INSTRUCTION: Final = np.dtype(
+    [("op", "i4"), ("detail", "i4"), ("inputs", "i4", 3), ("place", "i4"), ("by", "f8")]
+)
+"""``po_instruction`` in ``machine.h``."""
+_MOST: Final = 40_000
+
+
 @final
-class _Code:
+class Code:
     """Machine code of a plan with its directions; the memory is given back with it."""
 
     def __init__(self, core: ctypes.CDLL, address: int) -> None:
@@ -318,6 +334,11 @@ class _Code:
         """Whether it leaves out no sensitivity that is other than zero at the start."""
         where, k = sensitivities.ctypes.data, sensitivities.shape[1]
         return bool(self.core.po_suits(self.address, where, k))
+
+    def replace(self, step: int, reading: int) -> None:
+        """Let other functions at these addresses do what it does."""
+        fields = _CodeFields.from_address(self.address)
+        fields.step, fields.reading = step, reading
 
     def __del__(self) -> None:
         self.core.po_release(self.address)
@@ -338,7 +359,7 @@ class ComposedEngine:
 
     def __init__(self, program: Program, directions: Sequence[str], machine: bool = True) -> None:
         self._machine = machine and MACHINE
-        self._codes: tuple[_Code, ...] = ()
+        self._codes: tuple[Code, ...] = ()
         self._program = program
         self._core = program.core
         self._plan = ctypes.byref(program.plan)
@@ -392,7 +413,7 @@ class ComposedEngine:
         measured, most = None, np.inf
         if ceiling is not None:
             measured, most = vector(ceiling.measured, count), ceiling.squares
-        code = self._code(s)
+        code = self.code(s)
         at = segment.addresses
         along = _Segments(
             at.length, cut.ctypes.data, at.time, at.drive, at.slope, at.channels,
@@ -411,20 +432,34 @@ class ComposedEngine:
         ))  # fmt: skip
         return Run(y, j, xs, x, s)
 
-    def _code(self, s: FloatArray) -> _Code | None:
+    def code(self, s: FloatArray) -> Code | None:
         """Machine code for runs that start with such sensitivities; None where there is none."""
         found = next((code for code in self._codes if code.suits(s)), None)
         if found is None and self._machine:
-            address = self._core.po_translate(
-                self._plan, self._moves.ctypes.data,
-                None if self._clocks is None else self._clocks.ctypes.data, self._shape[1],
-                s.ctypes.data, None, None,
-            )  # fmt: skip
-            if address is None:
-                return None
-            found = _Code(self._core, address)
-            self._codes = (*self._codes, found)  # replaced as a whole: threads may race
+            found = self._translated(s, None, None)
+            if found is not None:
+                self._codes = (*self._codes, found)  # replaced as a whole: threads may race
         return found
+
+    def instructions(self, s: FloatArray) -> tuple[NDArray[Any], NDArray[Any]]:
+        """What machine code for such runs does in a sub-step, and to take a reading.
+
+        Raises:
+            ModelError: this machine has none.
+        """
+        lists = [np.empty(_MOST, INSTRUCTION) for _ in range(2)]
+        where, counts = (_POINTER * 2)(*(a.ctypes.data for a in lists)), (ctypes.c_int * 2)()
+        if not self._machine or self._translated(s, where, counts) is None:
+            raise ModelError("No machine code can be made of a model on this machine.")
+        return lists[0][: counts[0]], lists[1][: counts[1]]
+
+    def _translated(self, s: FloatArray, where: Any, counts: Any) -> Code | None:
+        address = self._core.po_translate(
+            self._plan, self._moves.ctypes.data,
+            None if self._clocks is None else self._clocks.ctypes.data, self._shape[1],
+            s.ctypes.data, where, counts,
+        )  # fmt: skip
+        return None if address is None else Code(self._core, address)
 
 
 def checked(failed: int) -> None:

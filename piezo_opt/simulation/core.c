@@ -483,29 +483,54 @@ INLINE void copied(double *const to, const po_row *const from, const long D)
     for (; d < D; ++d) to[d] = ((const double *)from)[d];
 }
 
-/* The instant's numbers for machine code. */
-INLINE void place_machine(const po_plan *const p, const po_memory *const m,
-                          const po_instant *const at, const int delayed, const long N)
+/* The weights of the blocks for a length of a sub-step. */
+typedef struct { double *W; po_row *WR; int known, next; } po_lengths;
+
+static void weigh(const po_plan *const p, const po_memory *const m, po_lengths *const l,
+                  const double h, const double hT, const long N)
 {
-    *number(m, p->time, N) = at->t;
-    *number(m, p->drive, N) = at->u;
-    for (int64_t i = 0; i < p->channels; ++i) *number(m, p->channel + i, N) = at->c[i];
-    if (!delayed) return;
-    m->instant[2] = at->tT;
-    m->instant[3] = at->uT;
-    for (int64_t i = 0; i < p->channels; ++i) m->instant[4 + i] = at->cT[i];
+    const int64_t nw = p->n_weights, wide = nw + 2;
+    int at;
+    if (l->known && l->W[nw] == h && l->W[nw + 1] == hT) return;
+    for (at = 0; at < l->known; ++at) {
+        const double *const one = m->kept + at * wide;
+        if (one[nw] == h && one[nw + 1] == hT) break;
+    }
+    const int fresh = at == l->known;
+    if (fresh) {
+        if (l->known < LENGTHS) ++l->known;
+        else at = l->next;
+        l->next = (l->next + 1) % LENGTHS;
+    }
+    l->W = m->kept + at * wide;
+    l->WR = m->K + N * at * wide;
+    if (!fresh) return;
+    *number(m, p->length, N) = h;
+    ROWS rows(m, p->length, N)[g] = hT * m->clock[g];
+    evaluate(p, m, p->weigh, N);
+    for (int64_t i = 0; i < nw; ++i) {
+        l->W[i] = *number(m, p->weights + i, N);
+        ROWS l->WR[N * i + g] = rows(m, p->weights + i, N)[g];
+    }
+    l->W[nw] = h;
+    l->W[nw + 1] = hT;
 }
 
 INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
                  const po_segments *const s, const po_wanted *const to, const int delayed,
-                 const long N)
+                 const long N, po_machine *const step, po_machine *const reading)
 {
-    const int64_t nx = p->states, nc = p->channels, nw = p->n_weights, wide = nw + 2;
-    double c[nc + 1], cT[nc + 1], squares = 0.0;
-    int known = 0, next = 0, at = 0;
-    double *W = m->kept;
-    po_row *WR = m->K;
-    const po_code *const code = to->code;
+    const int64_t nx = p->states, nc = p->channels, nw = p->n_weights;
+    double c[nc + 1], cT[nc + 1], squares = 0.0, h = 0.0, hT = 0.0, length = -1.0;
+    double *const time = number(m, p->time, N), *const drive = number(m, p->drive, N);
+    double *const slope = number(m, p->slope, N), *const channel = number(m, p->channel, N);
+    double *const channel_slope = number(m, p->channel_slope, N), *const instant = m->instant;
+    const double *const read = number(m, p->read, N);
+    const int64_t wide = STRIDE(N) / 8, place_too = nc || delayed;
+    /* What is read may be a state as it stands. */
+    const int reads = p->reading.count || p->read < p->state || p->read >= p->state + nx;
+    int cut_before = -1;
+    po_lengths l = {m->kept, m->K, 0, 0};
 
     prepare(p, m, p->once, N);
     evaluate(p, m, p->once, N);
@@ -513,69 +538,58 @@ INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
     prepare(p, m, p->stage, N);
     prepare(p, m, p->reading, N);
     prepare(p, m, p->jump, N);
-    const int reads = p->reading.count > 0;
     for (long j = 0; j < n; ++j) {
         const int cuts = s->NSUB[j];
-        const double h = cuts > 0 ? s->H[j] / cuts : 0.0;
-        const double hT = delayed && cuts > 0 ? s->HT[j] / cuts : 0.0;
-        if (nw && (j == 0 || W[nw] != h || (delayed && W[nw + 1] != hT))) {
-            for (at = 0; at < known; ++at) {
-                const double *const one = m->kept + at * wide;
-                if (one[nw] == h && one[nw + 1] == hT) break;
-            }
-            const int fresh = at == known;
-            if (fresh) {
-                if (known < LENGTHS) ++known;
-                else at = next;
-                next = (next + 1) % LENGTHS;
-            }
-            W = m->kept + at * wide;
-            WR = m->K + N * at * wide;
-            if (fresh) {
-                *number(m, p->length, N) = h;
-                ROWS rows(m, p->length, N)[g] = hT * m->clock[g];
-                evaluate(p, m, p->weigh, N);
-                for (int64_t i = 0; i < nw; ++i) {
-                    W[i] = *number(m, p->weights + i, N);
-                    ROWS WR[N * i + g] = rows(m, p->weights + i, N)[g];
-                }
-                W[nw] = h;
-                W[nw + 1] = hT;
-            }
+        if (s->H[j] != length || cuts != cut_before || delayed) {
+            length = s->H[j];
+            cut_before = cuts;
+            h = cuts > 0 ? length / cuts : 0.0;
+            hT = delayed && cuts > 0 ? s->HT[j] / cuts : 0.0;
+            instant[0] = h;
+            instant[1] = hT;
+            if (nw) weigh(p, m, &l, h, hT, N);
         }
         po_instant i = {s->T[j], s->U[j], s->DU[j], 0.0, 0.0, c, s->DC + j * nc, cT};
         for (int64_t a = 0; a < nc; ++a) {
             c[a] = s->C[j * nc + a];
-            *number(m, p->channel_slope + a, N) = i.dc[a];
+            channel_slope[a * wide] = i.dc[a];
         }
         if (delayed) {
             i.tT = s->TT[j];
             i.uT = s->UT[j];
             for (int64_t a = 0; a < nc; ++a) cT[a] = s->CT[j * nc + a];
         }
-        *number(m, p->slope, N) = i.du;
-        m->instant[0] = h;
-        m->instant[1] = hT;
+        *slope = i.du;
+/* The instant's numbers for machine code. */
+#define PLACE                                                                                      \
+    *time = i.t;                                                                                   \
+    *drive = i.u;                                                                                  \
+    if (place_too) {                                                                               \
+        for (int64_t a = 0; a < nc; ++a) channel[a * wide] = c[a];                                 \
+        instant[2] = i.tT;                                                                         \
+        instant[3] = i.uT;                                                                         \
+        for (int64_t a = 0; a < nc && delayed; ++a) instant[4 + a] = cT[a];                        \
+    }
         for (int cut = 0; cut < cuts; ++cut) {
 #define STAGE(s, past, pastT)                                                                      \
     place(p, m, &i, past, pastT, delayed, N);                                                      \
     evaluate(p, m, p->stage, N);                                                                   \
     block_rates(p, m, s, N);                                                                       \
     move(p, m, s, h, hT, delayed, N);
-            if (code) {
-                place_machine(p, m, &i, delayed, N);
-                code->step(m->b, W, WR);
+            if (step) {
+                PLACE
+                step(m->b, l.W, l.WR);
             } else {
                 STAGE(0, 0.0, 0.0)
-                block_stages(p, m, W, WR, 0, N);
+                block_stages(p, m, l.W, l.WR, 0, N);
                 STAGE(1, 0.5 * h, 0.5 * hT)
-                block_stages(p, m, W, WR, 1, N);
+                block_stages(p, m, l.W, l.WR, 1, N);
                 STAGE(2, 0.5 * h, 0.5 * hT)
-                block_stages(p, m, W, WR, 2, N);
+                block_stages(p, m, l.W, l.WR, 2, N);
                 STAGE(3, h, hT)
-                block_ends(p, m, W, WR, N);
+                block_ends(p, m, l.W, l.WR, N);
             }
-            if (p->n_jumping && !code) {
+            if (p->n_jumping && !step) {
                 double became[p->n_jumping];
                 po_row BECAME[N * p->n_jumping + 1];
                 evaluate(p, m, p->jump, N);
@@ -599,15 +613,15 @@ INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
         }
         const long k = s->OBS[j];
         if (k < 0) continue;
-        if (code && reads) {
-            place_machine(p, m, &i, delayed, N);
-            code->reading(m->b, W, WR);
+        if (reads && step) {
+            PLACE
+            reading(m->b, l.W, l.WR);
         } else if (reads) {
             place(p, m, &i, 0.0, 0.0, delayed, N);
             evaluate(p, m, p->reading, N);
         }
-        const double y = to->Y[k] = *number(m, p->read, N);
-        if (N) copied(to->J + k * to->D, rows(m, p->read, N), to->D);
+        const double y = to->Y[k] = *read;
+        if (N) copied(to->J + k * to->D, (const po_row *)(read + 8), to->D);
         if (to->M && to->M[k] == to->M[k]) {
             squares += (y - to->M[k]) * (y - to->M[k]);
             if (!(squares <= to->most)) return;
@@ -644,13 +658,14 @@ int po_run(const po_plan *const p, const long n, const po_segments *const s,
     }
     if (to->CLOCKS) for (long d = 0; d < D; ++d) ((double *)m->clock)[d] = to->CLOCKS[d];
     const int delayed = to->CLOCKS && N;
-    if (to->code) walk(p, m, n, s, to, delayed, N);
-    else if (N == 0) walk(p, m, n, s, to, 0, 0);
-    else if (delayed) walk(p, m, n, s, to, 1, N);
-    else if (N == 1) walk(p, m, n, s, to, 0, 1);
-    else if (N == 2) walk(p, m, n, s, to, 0, 2);
-    else if (N == 3) walk(p, m, n, s, to, 0, 3);
-    else walk(p, m, n, s, to, 0, N);
+    po_machine *const step = to->code ? to->code->step : NULL;
+    if (step) walk(p, m, n, s, to, delayed, N, step, to->code->reading);
+    else if (N == 0) walk(p, m, n, s, to, 0, 0, NULL, NULL);
+    else if (delayed) walk(p, m, n, s, to, 1, N, NULL, NULL);
+    else if (N == 1) walk(p, m, n, s, to, 0, 1, NULL, NULL);
+    else if (N == 2) walk(p, m, n, s, to, 0, 2, NULL, NULL);
+    else if (N == 3) walk(p, m, n, s, to, 0, 3, NULL, NULL);
+    else walk(p, m, n, s, to, 0, N, NULL, NULL);
     free(all);
     return 0;
 }

@@ -43,7 +43,7 @@ _TEXT: Final = 60_000
 
 MACHINE: Final = platform.machine() in ("x86_64", "AMD64") and sys.platform != "win32"
 """Whether machine code can be made of whole sub-steps (see machine.h)."""
-_EFFORT: Final = ("-O1",) if MACHINE else ()
+_EFFORT: Final = '#pragma GCC optimize ("O1")\n' if MACHINE else ""
 """The functions themselves are called but once a run then, and half of the compiler's time is
 saved."""
 
@@ -104,7 +104,7 @@ def catalogue() -> Library | None:
 
 @cache
 def _catalogue_of(_compiler: str) -> Library | None:
-    loaded = load(_origin(), _write_catalogue, _Progress().say, _EFFORT)
+    loaded = load(_origin(), _write_catalogue, _Progress().say)
     return None if loaded is None else Library(loaded)
 
 
@@ -137,7 +137,7 @@ def functions_of(effect: Effect, runtime: frozenset[str]) -> Functions | None:
 def _own(form: Effect, runtime: frozenset[str]) -> Library | None:
     """A small library of one form."""
     text = _texts({"own": (form, runtime)}, {})
-    loaded = load("".join(text.values()), lambda _: text, flags=_EFFORT)
+    loaded = load("".join(text.values()), lambda _: text)
     return None if loaded is None else Library(loaded)
 
 
@@ -191,7 +191,7 @@ def _texts(
             parts[kind] = replace(form.parts[kind], symbol=symbol, kept=kept)
         told[key] = _told(replace(form, parts=parts))
     pieces += [c_functions(symbol, function, False)[0] for symbol, function in shared.items()]
-    head = _file("core.h") + POWERS
+    head = _EFFORT + _file("core.h") + POWERS
     units = {f"unit_{i}.c": '#include "head.h"\n' + text for i, text in enumerate(_packed(pieces))}
     known = json.dumps(json.dumps(told, separators=(",", ":")))
     units["forms.c"] = f"const char po_forms[] = {known};\n"

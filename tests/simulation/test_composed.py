@@ -149,7 +149,7 @@ def compared(
         x, s = composed.start(axis, p, unmoved)
         np.testing.assert_allclose(x, x_whole, rtol=1e-12, atol=1e-20)
         np.testing.assert_allclose(s, s_whole, rtol=1e-9, atol=1e-20)
-        assert (composed._code(s) is not None) == (machine and MACHINE)
+        assert (composed.code(s) is not None) == (machine and MACHINE)
         one = composed.run(axis, cut, p, x_whole, s_whole, states=True)
         same(model, directions, one, other)
         # Without derivatives the list of instructions is another one.
