@@ -54,13 +54,13 @@ def compiled_whole(engine: ComposedEngine, sensitivities: FloatArray) -> ctypes.
         PiezoOptError: there is no compiler.
         ModelError: there is no machine code here.
     """
-    step, reading = engine.instructions(sensitivities)
-    text = _HEAD + _function("po_run", step) + _function("po_read", reading)
+    names = ("po_run", "po_read", "po_several")
+    lists = engine.instructions(sensitivities)
+    text = _HEAD + "".join(map(_function, names, lists))
     library, code = load(text), engine.code(sensitivities)
     if library is None or code is None:
         raise PiezoOptError("Speed is judged by a compiler's code: install gcc or clang.")
-    address = [ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0
-               for name in ("po_run", "po_read")]  # fmt: skip
+    address = [ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0 for name in names]
     code.replace(*address)
     return library
 

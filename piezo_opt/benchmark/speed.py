@@ -42,9 +42,8 @@ from piezo_opt.effects import (
 from piezo_opt.errors import PiezoOptError
 from piezo_opt.identification import Identification, Start, solve
 from piezo_opt.measurement import Measurement
-from piezo_opt.simulation import Simulator, Substeps
+from piezo_opt.simulation import Simulator, Substeps, composed
 from piezo_opt.simulation.compiler import load
-from piezo_opt.simulation.composed import ComposedEngine, program
 from piezo_opt.simulation.schedule import corners
 from piezo_opt.values import Values
 
@@ -142,6 +141,7 @@ class Speed:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data with a ``schema`` key."""
+
         def pairs(of: Sequence[Pair]) -> list[dict[str, Any]]:
             return [{**one.__dict__, "ratio": one.ratio} for one in of]
 
@@ -261,12 +261,18 @@ def _free(model: Model) -> tuple[str, ...]:
 
 
 def _first(model: Model, record: Measurement) -> float:
-    """Milliseconds from a model that nobody has asked for yet to its first reading."""
-    short = record.slice(None, float(record.time[10]))
-    begin = perf_counter()
-    values = _values(model)
-    Simulator(model, short, values, substeps=_CUT).reading(values)
-    return 1e3 * (perf_counter() - begin)
+    """Milliseconds from a model that nobody has asked for to its first reading, best of three."""
+    short, best = record.slice(None, float(record.time[10])), float("inf")
+    for k in range(3):
+        # With another nominal gain it is a model that nothing is remembered of.
+        gain = PiezoGain(nominal=1e-7 * (1.0 + 0.1 * k))
+        fresh = [gain if isinstance(one, PiezoGain) else one for _, one in model]
+        begin = perf_counter()
+        asked = Model.of(*fresh)
+        values = _values(asked)
+        Simulator(asked, short, values, substeps=_CUT).reading(values)
+        best = min(best, 1e3 * (perf_counter() - begin))
+    return best
 
 
 def _engine(
@@ -274,26 +280,24 @@ def _engine(
 ) -> Callable[[], tuple[FloatArray, FloatArray]]:
     """Runs a model, composed or compiled whole: readings and derivatives."""
     system, values = named(model, folded(model)), _values(model)
-    composed = program(system, False)
-    if composed is None:
+    made = composed.program(system, False)
+    if made is None:
         raise PiezoOptError("The speed of compiled code needs a C compiler: install gcc or clang.")
-    engine = ComposedEngine(composed, directions)
+    runner = composed.ComposedEngine(made, directions)
     p = values.vector(system.parameter_names)
     axis = corners(record, system.channel_names).sampled
     cut = _CUT.of(axis)
-    x, s = engine.start(axis, p, np.zeros(len(system.state_names)))
-    held = compiled_whole(engine, s) if whole else None
+    x, s = runner.start(axis, p, np.zeros(len(system.state_names)))
+    held = compiled_whole(runner, s) if whole else None
 
     def run(_: object = held) -> tuple[FloatArray, FloatArray]:
-        done = engine.run(axis, cut, p, x, s)
+        done = runner.run(axis, cut, p, x, s)
         return done.reading, done.sensitivities
 
     return run
 
 
-def _fastest(
-    runs: Sequence[Callable[[], object]], repetitions: int, samples: int
-) -> list[float]:
+def _fastest(runs: Sequence[Callable[[], object]], repetitions: int, samples: int) -> list[float]:
     """Nanoseconds a sample of each, the fastest of repetitions in turns."""
     best = [float("inf")] * len(runs)
     for _ in range(repetitions):

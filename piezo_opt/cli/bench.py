@@ -11,6 +11,7 @@ import typer
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.bench_optimisers import optimisers
+from piezo_opt.cli.bench_speed import speed
 from piezo_opt.cli.solving import pool
 from piezo_opt.cli.telling import telling
 from piezo_opt.stopping import TimeLimit
@@ -32,6 +33,7 @@ class Size(Enum):
 
 
 bench.command()(optimisers)
+bench.command()(speed)
 
 
 @bench.callback()

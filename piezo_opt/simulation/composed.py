@@ -310,8 +310,8 @@ class _CodeFields(ctypes.Structure):
     """``po_code`` in ``core.c``."""
 
     _fields_ = [
-        *((name, _POINTER) for name in ("step", "reading", "memory", "groups")),
-        *((name, _WHOLE) for name in ("bytes", "spills", "states", "first")),
+        *((name, _POINTER) for name in ("step", "reading", "several", "memory", "groups")),
+        *((name, _WHOLE) for name in ("count", "bytes", "spills", "states", "first")),
     ]
 
 
@@ -335,10 +335,10 @@ class Code:
         where, k = sensitivities.ctypes.data, sensitivities.shape[1]
         return bool(self.core.po_suits(self.address, where, k))
 
-    def replace(self, step: int, reading: int) -> None:
+    def replace(self, step: int, reading: int, several: int) -> None:
         """Let other functions at these addresses do what it does."""
         fields = _CodeFields.from_address(self.address)
-        fields.step, fields.reading = step, reading
+        fields.step, fields.reading, fields.several = step, reading, several
 
     def __del__(self) -> None:
         self.core.po_release(self.address)
@@ -441,17 +441,18 @@ class ComposedEngine:
                 self._codes = (*self._codes, found)  # replaced as a whole: threads may race
         return found
 
-    def instructions(self, s: FloatArray) -> tuple[NDArray[Any], NDArray[Any]]:
-        """What machine code for such runs does in a sub-step, and to take a reading.
+    def instructions(self, s: FloatArray) -> tuple[NDArray[Any], ...]:
+        """What machine code for such runs does in a sub-step, to take a reading, and for several
+        samples at once, if it does that.
 
         Raises:
             ModelError: this machine has none.
         """
-        lists = [np.empty(_MOST, INSTRUCTION) for _ in range(2)]
-        where, counts = (_POINTER * 2)(*(a.ctypes.data for a in lists)), (ctypes.c_int * 2)()
+        lists = [np.empty(_MOST, INSTRUCTION) for _ in range(3)]
+        where, counts = (_POINTER * 3)(*(a.ctypes.data for a in lists)), (ctypes.c_int * 3)()
         if not self._machine or self._translated(s, where, counts) is None:
             raise ModelError("No machine code can be made of a model on this machine.")
-        return lists[0][: counts[0]], lists[1][: counts[1]]
+        return tuple(one[:count] for one, count in zip(lists, counts, strict=True))
 
     def _translated(self, s: FloatArray, where: Any, counts: Any) -> Code | None:
         address = self._core.po_translate(

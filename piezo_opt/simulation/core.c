@@ -104,27 +104,30 @@ void po_nothing(const int *A, const char *B, double *K) {}
    the weights of the blocks. */
 typedef void po_machine(char *b, const double *W, const po_row *WR);
 
-/* groups: of each slot the groups of four directions that may move it; spills: bytes behind the
-   memory of a run that it writes to. */
+/* several: so many samples of a sub-step each at once, if more than one; groups: of each slot the
+   groups of four directions that may move it; spills: bytes behind the memory of a run that it
+   writes to. */
 typedef struct {
-    po_machine *step, *reading;
+    po_machine *step, *reading, *several;
     void *memory;
     uint64_t *groups;
-    int64_t bytes, spills, states, first;
+    int64_t count, bytes, spills, states, first;
 } po_code;
+enum { SEVERAL = 4 };
 
 /* Working memory of one run: slots, what preparations keep, places of the operations' slots; where
    a sub-step began, what its stages add up to, and the rates of the blocks at each stage. */
 typedef struct {
     char *b;
     int *at;
-    double *k, *x, *sum, *kept, *bx, *ba, *bn, *instant;
+    double *k, *x, *sum, *kept, *bx, *ba, *bn, *instant, *several, *read;
     po_row *X, *SUM, *K, *BX, *BA, *BN, *clock;
 } po_memory;
 
 /* Where each of them is, in bytes. */
 typedef struct {
-    int64_t b, at, k, x, sum, kept, bx, ba, bn, X, SUM, K, BX, BA, BN, clock, instant, bytes;
+    int64_t b, at, k, x, sum, kept, bx, ba, bn, X, SUM, K, BX, BA, BN, clock, instant, several,
+        read, bytes;
 } po_layout;
 
 static int64_t carve(po_layout *const l, const int64_t bytes)
@@ -156,6 +159,8 @@ static po_layout layout(const po_plan *const p, const long N)
     l.BN = carve(&l, 64 * N * 5 * blocks);
     l.clock = carve(&l, 64 * N);
     l.instant = carve(&l, 8 * (4 + p->channels));
+    l.several = carve(&l, 8 * 4 * SEVERAL);
+    l.read = carve(&l, STRIDE(N) * SEVERAL);
     return l;
 }
 
@@ -169,7 +174,8 @@ static void *make(const po_plan *const p, po_memory *const m, const long N, cons
     *m = (po_memory){
         b + l.b, (int *)(b + l.at), (double *)(b + l.k), (double *)(b + l.x),
         (double *)(b + l.sum), (double *)(b + l.kept), (double *)(b + l.bx), (double *)(b + l.ba),
-        (double *)(b + l.bn), (double *)(b + l.instant), (po_row *)(b + l.X),
+        (double *)(b + l.bn), (double *)(b + l.instant), (double *)(b + l.several),
+        (double *)(b + l.read), (po_row *)(b + l.X),
         (po_row *)(b + l.SUM), (po_row *)(b + l.K), (po_row *)(b + l.BX), (po_row *)(b + l.BA),
         (po_row *)(b + l.BN), (po_row *)(b + l.clock),
     };
@@ -469,8 +475,9 @@ INLINE void move(const po_plan *const p, const po_memory *const m, const int s, 
 }
 
 /* Where machine code finds what the slots do not hold: the length of the sub-step, and derivatives by
-   the delay of that, of time, drive and channels; which groups of directions move the clock. */
-typedef struct { int64_t h, hT, late, clock; uint64_t clocks; } po_instant_places;
+   the delay of that, of time, drive and channels; time, drive, slope and length of several samples
+   and where their readings go; which groups of directions move the clock. */
+typedef struct { int64_t h, hT, late, clock, several, read; uint64_t clocks; } po_instant_places;
 
 #include "machine.h"
 
@@ -516,10 +523,20 @@ static void weigh(const po_plan *const p, const po_memory *const m, po_lengths *
     l->W[nw + 1] = hT;
 }
 
+/* Whether a reading takes the sum of squares above the most that is wanted. */
+INLINE int beyond(const po_wanted *const to, const long k, double *const squares)
+{
+    if (!to->M || to->M[k] != to->M[k]) return 0;
+    *squares += (to->Y[k] - to->M[k]) * (to->Y[k] - to->M[k]);
+    return !(*squares <= to->most);
+}
+
 INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
                  const po_segments *const s, const po_wanted *const to, const int delayed,
-                 const long N, po_machine *const step, po_machine *const reading)
+                 const long N, const po_code *const code)
 {
+    po_machine *const step = code ? code->step : NULL;
+    const int several = code && code->count > 1 && !to->XO ? (int)code->count : 0;
     const int64_t nx = p->states, nc = p->channels, nw = p->n_weights;
     double c[nc + 1], cT[nc + 1], squares = 0.0, h = 0.0, hT = 0.0, length = -1.0;
     double *const time = number(m, p->time, N), *const drive = number(m, p->drive, N);
@@ -548,6 +565,30 @@ INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
             instant[0] = h;
             instant[1] = hT;
             if (nw) weigh(p, m, &l, h, hT, N);
+        }
+        if (several && j + several <= n && cuts == 1 && s->OBS[j] >= 0) {
+            int same = 1;
+            for (int a = 1; a < several; ++a)
+                same &= s->NSUB[j + a] == 1 && s->OBS[j + a] == s->OBS[j] + a
+                    && (!nw || s->H[j + a] == length);
+            if (same) {
+                const long k = s->OBS[j];
+                for (int a = 0; a < several; ++a) {
+                    m->several[4 * a] = s->T[j + a];
+                    m->several[4 * a + 1] = s->U[j + a];
+                    m->several[4 * a + 2] = s->DU[j + a];
+                    m->several[4 * a + 3] = s->H[j + a];
+                }
+                code->several(m->b, l.W, l.WR);
+                for (int a = 0; a < several; ++a) {
+                    const double *const one = m->read + a * wide;
+                    to->Y[k + a] = *one;
+                    if (N) copied(to->J + (k + a) * to->D, (const po_row *)(one + 8), to->D);
+                    if (beyond(to, k + a, &squares)) return;
+                }
+                j += several - 1;
+                continue;
+            }
         }
         po_instant i = {s->T[j], s->U[j], s->DU[j], 0.0, 0.0, c, s->DC + j * nc, cT};
         for (int64_t a = 0; a < nc; ++a) {
@@ -615,17 +656,14 @@ INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
         if (k < 0) continue;
         if (reads && step) {
             PLACE
-            reading(m->b, l.W, l.WR);
+            code->reading(m->b, l.W, l.WR);
         } else if (reads) {
             place(p, m, &i, 0.0, 0.0, delayed, N);
             evaluate(p, m, p->reading, N);
         }
-        const double y = to->Y[k] = *read;
+        to->Y[k] = *read;
         if (N) copied(to->J + k * to->D, (const po_row *)(read + 8), to->D);
-        if (to->M && to->M[k] == to->M[k]) {
-            squares += (y - to->M[k]) * (y - to->M[k]);
-            if (!(squares <= to->most)) return;
-        }
+        if (beyond(to, k, &squares)) return;
         if (to->XO)
             for (int64_t a = 0; a < nx; ++a) to->XO[k * nx + a] = *number(m, p->state + a, N);
     }
@@ -658,14 +696,14 @@ int po_run(const po_plan *const p, const long n, const po_segments *const s,
     }
     if (to->CLOCKS) for (long d = 0; d < D; ++d) ((double *)m->clock)[d] = to->CLOCKS[d];
     const int delayed = to->CLOCKS && N;
-    po_machine *const step = to->code ? to->code->step : NULL;
-    if (step) walk(p, m, n, s, to, delayed, N, step, to->code->reading);
-    else if (N == 0) walk(p, m, n, s, to, 0, 0, NULL, NULL);
-    else if (delayed) walk(p, m, n, s, to, 1, N, NULL, NULL);
-    else if (N == 1) walk(p, m, n, s, to, 0, 1, NULL, NULL);
-    else if (N == 2) walk(p, m, n, s, to, 0, 2, NULL, NULL);
-    else if (N == 3) walk(p, m, n, s, to, 0, 3, NULL, NULL);
-    else walk(p, m, n, s, to, 0, N, NULL, NULL);
+    if (to->code) walk(p, m, n, s, to, delayed, N, to->code);
+#ifndef PO_MACHINE /* else this is for processors that are too old, and for tests */
+    else if (N == 0) walk(p, m, n, s, to, 0, 0, NULL);
+    else if (N == 1 && !delayed) walk(p, m, n, s, to, 0, 1, NULL);
+    else if (N == 2 && !delayed) walk(p, m, n, s, to, 0, 2, NULL);
+    else if (N == 3 && !delayed) walk(p, m, n, s, to, 0, 3, NULL);
+#endif
+    else walk(p, m, n, s, to, delayed, N, NULL);
     free(all);
     return 0;
 }

@@ -20,7 +20,7 @@ enum {
     M_ROOT, M_COMPARE, M_JOIN, M_LESS_JOIN, M_JOIN_LESS, M_CALL, M_POWER, M_STORE, M_STORE_ROW
 };
 enum { AT_SLOTS = 3, AT_WEIGHTS = 5, AT_WEIGHT_ROWS = 14, AT_CONSTANTS = -1 }; /* registers */
-enum { NOTHING = -1, UNKNOWN = -2, NEVER = 1 << 30, MOST = 40000, REGISTERS = 16 };
+enum { NOTHING = -1, UNKNOWN = -2, NEVER = 1 << 30, MOST = 40000, BRIEF = 500, REGISTERS = 16 };
 
 /* One instruction, whose number is that of its result: c + a b is a join. */
 typedef struct {
@@ -335,18 +335,27 @@ static void write_list(po_writer *const w, const po_list list)
     }
 }
 
-/* Time, drive and channels a share of a sub-step after its beginning. */
-static void write_instant(po_writer *const w, const po_instant_places *const at, const double share)
+/* The length of the sub-step, which of several. */
+static int length_of(po_writer *const w, const po_instant_places *const at, const int which)
+{
+    const int64_t place = which < 0 ? at->h : at->several + 8 * (4 * which + 3);
+    return loaded(&w->trace, M_LOAD, AT_SLOTS, place);
+}
+
+/* Time, drive and channels a share of a sub-step after its beginning; which of several, or -1. */
+static void write_instant(po_writer *const w, const po_instant_places *const at, const double share,
+                          const int which)
 {
     po_trace *const t = &w->trace;
     const po_plan *const p = w->plan;
     const int part = constant(t, share);
-    const int past = share ? product(t, part, loaded(t, M_LOAD, AT_SLOTS, at->h)) : part;
+    const int past = share ? product(t, part, length_of(w, at, which)) : part;
     const int late = share ? product(t, part, loaded(t, M_LOAD, AT_SLOTS, at->hT)) : part;
     for (int64_t i = -2; i < p->channels; ++i) {
         const int64_t slot = i == -2 ? p->time : i == -1 ? p->drive : p->channel + i;
         const int64_t by = i == -1 ? p->slope : p->channel_slope + i;
-        const int begun = loaded(t, M_LOAD, AT_SLOTS, slot * w->stride);
+        const int64_t place = which < 0 ? slot * w->stride : at->several + 8 * (4 * which + i + 2);
+        const int begun = loaded(t, M_LOAD, AT_SLOTS, place);
         const int slope = i == -2 ? constant(t, 1.0) : number_of(w, by);
         set(w, slot, share ? sum(t, begun, product(t, slope, past)) : begun);
         for (int g = 0; g < w->many; ++g) {
@@ -425,12 +434,12 @@ static void add_weighed(po_writer *const w, po_value *const to, const po_block *
     }
 }
 
-static void store(po_writer *const w, const int64_t slot)
+static void store_at(po_writer *const w, const int64_t slot, const int64_t place)
 {
     po_trace *const t = &w->trace;
     po_instruction one = plain(M_STORE, number_of(w, slot), NOTHING, NOTHING);
     one.detail = AT_SLOTS;
-    one.place = (int)(slot * w->stride);
+    one.place = (int)place;
     const po_instruction *const from = t->list + one.in[0];
     if (from->op != M_LOAD || from->detail != AT_SLOTS || from->place != one.place) said(t, one);
     for (int g = 0; g < w->many; ++g) {
@@ -438,10 +447,15 @@ static void store(po_writer *const w, const int64_t slot)
         const int row = row_of(w, slot, g);
         one = plain(M_STORE_ROW, row == NOTHING ? constant(t, 0.0) : row, NOTHING, NOTHING);
         one.detail = AT_SLOTS;
-        one.place = (int)(slot * w->stride + 64 + 32 * g);
+        one.place = (int)(place + 64 + 32 * g);
         const po_instruction *const old = t->list + one.in[0];
         if (old->op != M_ROW || old->detail != AT_SLOTS || old->place != one.place) said(t, one);
     }
+}
+
+static void store(po_writer *const w, const int64_t slot)
+{
+    store_at(w, slot, slot * w->stride);
 }
 
 typedef struct { po_value begun[2], first[2], rate[4][2]; } po_block_values;
@@ -489,7 +503,7 @@ static void write_blocks(po_writer *const w, po_block_values *const all, const i
     }
 }
 
-static void write_step(po_writer *const w, const po_instant_places *const at)
+static void write_step(po_writer *const w, const po_instant_places *const at, const int which)
 {
     po_trace *const t = &w->trace;
     const po_plan *const p = w->plan;
@@ -500,7 +514,7 @@ static void write_step(po_writer *const w, const po_instant_places *const at)
     po_block_values *const blocks = malloc(sizeof(po_block_values) * (p->n_blocks + 1));
     if (!begun || !rate || !blocks) t->failed = 1;
     for (int s = 0; s < 4 && !t->failed; ++s) {
-        write_instant(w, at, shares[s]);
+        write_instant(w, at, shares[s], which);
         write_list(w, p->stage);
         for (int64_t k = 0; k < p->n_blocks; ++k) {
             const po_block *const b = p->blocks + k;
@@ -516,7 +530,7 @@ static void write_step(po_writer *const w, const po_instant_places *const at)
                 blocks[k].rate[s][i] = found;
             }
         }
-        const int part = product(t, constant(t, parts[s]), loaded(t, M_LOAD, AT_SLOTS, at->h));
+        const int part = product(t, constant(t, parts[s]), length_of(w, at, which));
         const int late = product(t, constant(t, parts[s]), loaded(t, M_LOAD, AT_SLOTS, at->hT));
         for (int64_t a = 0; a < n; ++a) rate[a] = value_of(w, p->rates[a]);
         for (int64_t a = 0; a < n; ++a) {
@@ -532,7 +546,7 @@ static void write_step(po_writer *const w, const po_instant_places *const at)
                     next.row[g] = along(t, next.row[g], product(t, way.number, late),
                                         loaded(t, M_ROW, AT_SLOTS, at->clock + 32 * g));
             put(w, p->moving[a], &next);
-            if (s == 3 && !p->n_jumping) store(w, p->moving[a]);
+            if (s == 3 && !p->n_jumping && which < 0) store(w, p->moving[a]);
         }
         write_blocks(w, blocks, s);
     }
@@ -543,10 +557,12 @@ static void write_step(po_writer *const w, const po_instant_places *const at)
         for (int64_t a = 0; became && a < p->n_jumping; ++a) became[a] = value_of(w, p->after[a]);
         for (int64_t a = 0; became && a < p->n_jumping; ++a) put(w, p->jumping[a], became + a);
         free(became);
-        for (int64_t a = 0; a < p->states && !t->failed; ++a) store(w, p->state + a);
     }
-    for (int64_t k = 0; k < p->n_blocks && !p->n_jumping && !t->failed; ++k)
-        for (int i = 0; i < p->blocks[k].size; ++i) store(w, p->blocks[k].state[i]);
+    if (which < 0 && p->n_jumping)
+        for (int64_t a = 0; a < p->states && !t->failed; ++a) store(w, p->state + a);
+    else if (which < 0)
+        for (int64_t k = 0; k < p->n_blocks && !t->failed; ++k)
+            for (int i = 0; i < p->blocks[k].size; ++i) store(w, p->blocks[k].state[i]);
     free(begun);
     free(rate);
     free(blocks);
@@ -567,6 +583,20 @@ static void write_reading(po_writer *const w, const po_instant_places *const at)
     }
     write_list(w, p->reading);
     store(w, p->read);
+}
+
+/* Several samples of one sub-step each, their readings behind one another: states wait in registers
+   and not in memory for the next one. */
+static void write_several(po_writer *const w, const po_instant_places *const at, const int count)
+{
+    const po_plan *const p = w->plan;
+    for (int k = 0; k < count && !w->trace.failed; ++k) {
+        set(w, p->slope, loaded(&w->trace, M_LOAD, AT_SLOTS, at->several + 8 * (4 * k + 2)));
+        write_step(w, at, k);
+        write_list(w, p->reading);
+        store_at(w, p->read, at->read + k * w->stride);
+    }
+    for (int64_t a = 0; a < p->states && !w->trace.failed; ++a) store(w, p->state + a);
 }
 
 /* Where rows may be other than zero; to a fixed point, because states follow one another. */
@@ -999,7 +1029,8 @@ void po_release(po_code *const code) { if (code) code_release(code); }
 
 /* Machine code for D directions, or null where there can be none. MOVES and CLOCKS as for po_run;
    S: sensitivities of the states at the start, of which only those that are zero now may be zero
-   for ever. TOLD, unless null, takes the instructions of step and reading, and COUNTS how many. */
+   for ever. TOLD, unless null, takes the instructions of a step, a reading and several samples, and
+   COUNTS how many. */
 po_code *po_translate(const po_plan *const p, const int *const MOVES, const int *const CLOCKS,
                       const long D, const double *const S, po_instruction *const *const TOLD,
                       int *const COUNTS)
@@ -1034,16 +1065,20 @@ po_code *po_translate(const po_plan *const p, const int *const MOVES, const int 
         spread_all(p, code->groups, clocks);
         const po_layout at = layout(p, N);
         const po_instant_places places = {at.instant, at.instant + 8, at.instant + 16, at.clock,
-                                          clocks};
-        int64_t begins[2];
+                                          at.several, at.read, clocks};
+        int64_t begins[3] = {0};
+        int several = 0;
         w.kept = at.k;
-        for (int which = 0; which < 2 && good; ++which) {
+        for (int which = 0; which < 2 + (several > 1) && good; ++which) {
             memset(w.trace.table, 255, sizeof(int) * w.trace.width);
             w.trace.count = 0;
             for (int64_t i = 0; i < p->count; ++i) w.number[i] = UNKNOWN;
             for (int64_t i = 0; i < p->count * many; ++i) w.row[i] = UNKNOWN;
-            if (which) write_reading(&w, &places);
-            else write_step(&w, &places);
+            if (which == 0) write_step(&w, &places, -1);
+            else if (which == 1) write_reading(&w, &places);
+            else write_several(&w, &places, several);
+            if (which == 0 && !clocks && !p->channels)
+                several = w.trace.count < BRIEF ? 4 : w.trace.count < 2 * BRIEF ? 2 : 1;
             begins[which] = coded(&w.trace, &c, at.bytes, TOLD ? TOLD[which] : NULL);
             if (TOLD) COUNTS[which] = w.trace.count;
             good = !w.trace.failed && c.size <= c.room;
@@ -1055,6 +1090,8 @@ po_code *po_translate(const po_plan *const p, const int *const MOVES, const int 
             good = !mprotect(c.bytes, bytes, PROT_READ | PROT_EXEC);
             code->step = (po_machine *)(uintptr_t)(c.bytes + begins[0]);
             code->reading = (po_machine *)(uintptr_t)(c.bytes + begins[1]);
+            code->several = (po_machine *)(uintptr_t)(c.bytes + begins[2]);
+            code->count = several;
             code->spills = 32 * (int64_t)c.spills;
             code->states = p->states;
             code->first = p->state;
