@@ -19,8 +19,9 @@ from typing import Any, Final, final
 
 import casadi as ca
 
-from piezo_opt.effects.base import Chain, Effect, Equations, Place, Signal, Symbols
+from piezo_opt.effects.base import Chain, Effect, Place, Signal, Symbols
 from piezo_opt.effects.model import Model
+from piezo_opt.effects.promises import check_promises, equations_of
 from piezo_opt.errors import ModelError
 from piezo_opt.keeping import digest, kept
 from piezo_opt.lazy import lazy
@@ -140,8 +141,23 @@ def named(model: Model, constants: Mapping[str, float] | None = None) -> System:
     Raises:
         ModelError: an effect's needs are not met.
     """
+    for _, effect in model:
+        if not type(effect).__module__.startswith(f"{__package__}."):
+            check_effect(effect)
     chosen = folded(model) if constants is None else dict(constants)
     return _assemble(model, tuple(sorted(chosen.items())))
+
+
+@lru_cache(maxsize=256)
+def check_effect(effect: Effect) -> None:
+    """Refuse an effect of a user's own that does not keep what an effect has to; once for each.
+
+    It is put beside a gain, a hysteresis loop and a resonance, with random states.
+
+    Raises:
+        ModelError: its code raises, its units do not exist, or it does not vanish at its null.
+    """
+    check_promises(effect, lambda model: _assemble(model, ()))
 
 
 @lru_cache(maxsize=2048)
@@ -292,7 +308,7 @@ class _Assembler:
             }
         )
         own_x = Symbols(**{k: self.x[f"{name}.{k}"] for k in effect.states})
-        said: Equations = effect.equations(self._chain(incoming), own_x, own_p)
+        said = equations_of(name, effect, self._chain(incoming), own_x, own_p)
         for what, into in (
             (said.moves, self.moves),
             (said.starts, self.starts),
@@ -314,10 +330,15 @@ class _Assembler:
         if not isinstance(said.delays, float | int) or said.delays != 0.0:
             self.delays.append(said.delays)
         self.inertia += said.inertia
-        return said.gives
+        gives = _expression(name, "gives", said.gives)
+        if gives.numel() != 1:
+            raise ModelError(
+                f"{name}: equations() gives {gives.numel()} elements: give one, such as their sum."
+            )
+        return gives
 
     def _column(self, state: str, expression: Expression) -> ca.SX:
-        column = _written(expression)
+        column = _expression(state, "the rate or start", expression)
         wanted = self.x[state].numel()
         if column.numel() == 1 and wanted > 1:
             return ca.repmat(column, wanted, 1)
@@ -499,6 +520,16 @@ def _written(value: Expression) -> ca.SX:
     return value if isinstance(value, ca.SX) else ca.SX(value)
 
 
+def _expression(name: str, what: str, value: Expression) -> ca.SX:
+    """What an effect wrote, which may be something that is no expression."""
+    try:
+        return _written(value)
+    except (NotImplementedError, TypeError, ValueError) as error:
+        raise ModelError(
+            f"{name}: equations() returned {value!r} as {what}: return a number or an expression."
+        ) from error
+
+
 def _signal(name: str) -> Signal:
     return Signal(ca.SX.sym(name), ca.SX.sym(f"rate_of_{name}"))
 
@@ -528,7 +559,7 @@ def _in_order(
             circle = " -> ".join([*visiting[visiting.index(label) :], label])
             raise ModelError(
                 f"The effects form an algebraic loop: {circle}; let one of them act through a "
-                "state (a lag)."
+                "state (a lag), and read what is upstream: on a line chain.incoming."
             )
         visiting.append(label)
         for need in needs[label]:

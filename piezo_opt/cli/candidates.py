@@ -5,14 +5,15 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import sys
-import traceback
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import final
 
+from piezo_opt.assembly import check_effect
 from piezo_opt.effects import Effect
-from piezo_opt.errors import InputError
+from piezo_opt.effects.promises import in_words, line_of
+from piezo_opt.errors import InputError, ModelError
 
 
 @final
@@ -28,15 +29,15 @@ def read_candidates(path: Path) -> Candidates:
     """Every effect that is defined in a Python file, in the order written.
 
     A class that another file defines, an abstract one, and one whose name begins with an
-    underscore is no candidate. One that cannot be made is left out with a remark. Where the file
-    itself raises, a remark says in which line, and what it had defined by then is offered.
+    underscore is no candidate; a structural one is left out with a remark.
 
     Raises:
-        InputError: there is no such file, or it is none of Python, or it has no effect.
+        InputError: there is no such file, it is none of Python, it raises, it has no effect, or one
+            of them cannot be made, does not vanish at its null, or has a unit that does not exist.
     """
     if not path.is_file():
         raise InputError(f"--candidates {path}: there is no such file: give a .py file")
-    module, raised = _run(path)
+    module = _run(path)
     kinds = [
         kind
         for kind in vars(module).values()
@@ -46,26 +47,35 @@ def read_candidates(path: Path) -> Candidates:
         and not inspect.isabstract(kind)
         and not kind.__name__.startswith("_")
     ]
-    if not kinds and not raised:
+    if not kinds:
         raise InputError(
             f"--candidates {path}: it defines no effect: write a class that derives from "
             "piezo_opt.Effect"
         )
     effects: list[Effect] = []
-    remarks = [f"--candidates {sentence}: what follows it is left out." for sentence in raised]
+    remarks: list[str] = []
     for kind in dict.fromkeys(kinds):
         if kind.structural:
             remarks.append(f"{kind.__name__} ({path}) is structural: it has no gate to be scored.")
             continue
         try:
-            effects += kind.entries()
-        except Exception as error:  # whatever a user's own code raises
-            remarks.append(f"{kind.__name__} cannot be made: {_said(error, path)}.")
+            own = kind.entries()
+        except (Exception, SystemExit) as error:  # whatever a user's own code raises
+            raise InputError(
+                f"--candidates {line_of(str(path), error)}: {kind.__name__} cannot be made: "
+                f"{in_words(error)}"
+            ) from error
+        for effect in own:
+            try:
+                check_effect(effect)
+            except ModelError as error:
+                raise InputError(f"--candidates {error}") from error
+        effects += own
     return Candidates(tuple(effects), tuple(remarks))
 
 
-def _run(path: Path) -> tuple[ModuleType, list[str]]:
-    """The module as far as it got, and where it raised, if it did."""
+def _run(path: Path) -> ModuleType:
+    """The module that the file makes."""
     name = f"candidates_of_{path.stem}"
     specification = importlib.util.spec_from_file_location(name, path)
     if specification is None or specification.loader is None:
@@ -75,22 +85,6 @@ def _run(path: Path) -> tuple[ModuleType, list[str]]:
     sys.modules[name] = module
     try:
         specification.loader.exec_module(module)
-    except Exception as error:  # whatever a user's own code raises
-        return module, [_said(error, path)]
-    return module, []
-
-
-def _said(error: Exception, path: Path) -> str:
-    """Type and text of an error, with the last line of the file on the way to it."""
-    text = str(error.msg if isinstance(error, SyntaxError) else error)
-    what = f"{type(error).__name__}: {text}" if text else type(error).__name__
-    if isinstance(error, SyntaxError):
-        return f"{error.filename or path}, line {error.lineno}: {what}"
-    # The traceback has the whole path, also where the user gave a relative one.
-    own = path.resolve()
-    lines = [
-        frame.lineno
-        for frame in traceback.extract_tb(error.__traceback__)
-        if Path(frame.filename).resolve() == own
-    ]
-    return f"{path}, line {lines[-1]}: {what}" if lines else f"{path}: {what}"
+    except (Exception, SystemExit) as error:  # whatever a user's own code raises
+        raise InputError(f"--candidates {line_of(str(path), error)}: {in_words(error)}") from error
+    return module

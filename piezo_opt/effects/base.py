@@ -391,8 +391,23 @@ class Effect(ABC):
         return tuple(k for k, v in self.parameters.items() if v.detail)
 
     @classmethod
+    def check_frozen(cls) -> None:
+        """Refuse a class that is no frozen dataclass: effects are compared by their options.
+
+        Raises:
+            ModelError: names the two lines that are missing.
+        """
+        declared = cls.__dict__.get("__dataclass_params__")
+        if declared is None or not declared.frozen:
+            raise ModelError(
+                f"Effect {cls.__name__} is no frozen dataclass: write @final and "
+                "@dataclass(frozen=True) above the class."
+            )
+
+    @classmethod
     def entries(cls) -> tuple[Effect, ...]:
         """The forms in which a search lets the effect enter."""
+        cls.check_frozen()
         written: Any = cls
         forms = [written(**options) for options in cls.variants]
         return tuple(form for form in forms if not form.holds_another)

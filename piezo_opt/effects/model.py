@@ -60,6 +60,7 @@ class Model:
             return model
         if not isinstance(other, Effect):
             return NotImplemented
+        other.check_frozen()
         name, count = other.name, 1
         taken = {n for n, _ in self.named}
         if other.structural and name in taken:

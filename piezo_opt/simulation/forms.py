@@ -15,7 +15,8 @@ from typing import Any, Final, final
 
 import casadi as ca
 
-from piezo_opt.effects.base import Chain, Effect, Equations, Signal, Symbols
+from piezo_opt.effects.base import Chain, Effect, Signal, Symbols
+from piezo_opt.effects.promises import equations_of
 from piezo_opt.errors import ModelError
 from piezo_opt.simulation.exponential import split
 
@@ -178,8 +179,8 @@ class _Writer:
         return Signal(self._symbol(name), self._symbol(name + RATE))
 
     def form(self) -> tuple[Form, dict[str, Written]]:
-        said: Equations = self._effect.equations(
-            self._chain, Symbols(**self._x), Symbols(**self._p)
+        said = equations_of(
+            self._effect.name, self._effect, self._chain, Symbols(**self._x), Symbols(**self._p)
         )
         for what in (said.moves, said.starts, said.becomes):
             for state in what:
