@@ -31,6 +31,7 @@ class TimeLimit:
         self._end = None if seconds is None else time.monotonic() + seconds
         self._lock = threading.Lock()
         self._timer: threading.Timer | None = None
+        self._deaf = False
 
     @property
     def passed(self) -> bool:
@@ -66,6 +67,10 @@ class TimeLimit:
             timer = threading.Timer(max(0.0, self._end - time.monotonic()), self._interrupt)
             timer.daemon = True
             self._timer = timer
+            # A shell starts what runs in its background deaf to interrupts.
+            if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+                signal.signal(signal.SIGINT, signal.default_int_handler)
+                self._deaf = True
             timer.start()
         return self
 
@@ -74,6 +79,9 @@ class TimeLimit:
             timer, self._timer = self._timer, None
         if timer is not None:
             timer.cancel()
+        if self._deaf:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            self._deaf = False
 
     def _interrupt(self) -> None:
         # Under the lock: nobody who has left the block is interrupted any more.

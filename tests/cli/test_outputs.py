@@ -214,8 +214,9 @@ def test_standard_output_that_is_full(loop: Path, plain: Path, tmp_path: Path) -
             stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=120,
         )  # fmt: skip
     assert done.returncode == 1
-    assert "Standard output could not be written" in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    # Progress may come before it.
+    assert "Standard output could not be written" in done.stderr.strip().splitlines()[-1]
+    assert "Traceback" not in done.stderr
     assert json.loads(out.read_text())["outcome"]["success"]
 
 

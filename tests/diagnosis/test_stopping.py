@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 import time
 from importlib import import_module
@@ -53,6 +54,17 @@ def test_the_main_thread_is_interrupted_within_the_block_only() -> None:
     time.sleep(0.1)
     with TimeLimit(None) as never:
         never.check()
+
+
+def test_a_process_in_the_background_is_deaf_to_interrupts_and_limited_all_the_same() -> None:
+    """A shell starts what runs in its background with interrupts ignored."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with pytest.raises(KeyboardInterrupt), TimeLimit(0.05):
+            threading.Event().wait(5.0)
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_what_was_accepted_before_an_interrupt_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
