@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg, signal
 
 FloatArray = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class Colour:
         price = float(np.log(residual.size))
         for order in range(most + 1):
             taken = (
-                linalg.solve_toeplitz(products[:order], products[1 : order + 1])
+                scipy.linalg.solve_toeplitz(products[:order], products[1 : order + 1])
                 if order else np.zeros(0)
             )  # fmt: skip
             power = float(products[0] - taken @ products[1 : order + 1])
@@ -79,7 +79,7 @@ class Colour:
         taps = np.array([1.0, *(-a for a in self.coefficients)])
         done = []
         for part in np.split(columns, np.cumsum(self.lengths)[:-1]):
-            filtered = np.asarray(signal.lfilter(taps, [1.0], part, axis=0))
+            filtered = np.asarray(scipy.signal.lfilter(taps, [1.0], part, axis=0))
             filtered[:order] = 0.0
             done.append(filtered)
         return np.concatenate(done)
@@ -90,4 +90,6 @@ class Colour:
             return columns
         taps = np.array([1.0, *(-a for a in self.coefficients)])
         parts = np.split(columns, np.cumsum(self.lengths)[:-1])
-        return np.concatenate([np.asarray(signal.lfilter([1.0], taps, p, axis=0)) for p in parts])
+        return np.concatenate(
+            [np.asarray(scipy.signal.lfilter([1.0], taps, p, axis=0)) for p in parts]
+        )
