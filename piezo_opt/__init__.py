@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from piezo_opt.diagnosis import Diagnosis, Effort, diagnose
     from piezo_opt.effects import Effect, Model
     from piezo_opt.errors import InputError, ModelError, PiezoOptError
-    from piezo_opt.export import export_arduino, export_c, export_fmu
+    from piezo_opt.export import export_arduino, export_c, export_controller, export_fmu
     from piezo_opt.identification import (
         Bootstrap,
         CmaEs,
@@ -127,6 +127,7 @@ __all__ = [
     "effects",
     "export_arduino",
     "export_c",
+    "export_controller",
     "export_fmu",
     "fit_transfer",
     "frequency_response",
@@ -168,7 +169,7 @@ _ROOMS: Final = {
     "diagnosis": "Diagnosis Effort diagnose",
     "effects": "Effect Model",
     "errors": "InputError ModelError PiezoOptError",
-    "export": "export_arduino export_c export_fmu",
+    "export": "export_arduino export_c export_controller export_fmu",
     "identification": (
         "Bootstrap CmaEs Collocation DifferentialEvolution Fatrop Fit Identification Ipopt "
         "LevenbergMarquardt Loss MultipleShooting NelderMead Prior Profile Profiles "

@@ -227,3 +227,47 @@ def fmu(
         overwrite=overwrite,
     )
     typer.echo(str(found))
+
+
+@export.command()
+def controller(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TUNED.json",
+            help="JSON of piezo-opt tune pid, lqr or shaper; of a fit, for its inverse.",
+            show_default=False,
+        ),
+    ],
+    out: Out,
+    single: Single = False,
+    period: Annotated[
+        str | None,
+        typer.Option(metavar="'1 ms'", help="Of the sampling; by default that of the design."),
+    ] = None,
+    limits: Annotated[
+        tuple[str, str] | None,
+        typer.Option(metavar="LOW HIGH", help="Of the drive; by default those of the design."),
+    ] = None,
+    name: Name = "controller",
+) -> None:
+    """Write a controller as C99 that needs nothing but libm.
+
+    It answers with a number within the limits whatever it is given; a member says what it met. The
+    code is compiled and replayed against Python, faults included, before the folder appears.
+
+    \b
+    Examples:
+      piezo-opt tune pid fit.json --json pid.json && piezo-opt export controller pid.json --out pid
+      piezo-opt export controller lqr.json --out firmware --float
+      piezo-opt export controller fit.json --out inverse --limits "0 V" "120 V"
+    """
+    from piezo_opt.control import Limits
+    from piezo_opt.export import export_controller
+
+    ends = volts(limits)
+    found = export_controller(
+        source, out, period=period, limits=None if ends is None else Limits(*ends),
+        precision="float" if single else "double", name=name,
+    )  # fmt: skip
+    typer.echo(str(found))

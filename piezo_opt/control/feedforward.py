@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import copysign, exp, log1p
+from math import copysign, exp, isfinite, log1p
 from typing import final
 
 from piezo_opt.effects import BoucWen, Model, PiezoGain
@@ -95,7 +95,8 @@ class InverseCompensation:
             if again == drive:
                 break
             drive = again
-        drive = min(max(drive, low), high)
+        # A reference that is no number has no drive: it is held.
+        drive = min(max(drive if isfinite(drive) else state.drive, low), high)
         return drive, InverseState(drive, self.loop_at(state, drive))
 
     def loop_at(self, state: InverseState, drive: float) -> float:

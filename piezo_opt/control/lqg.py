@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, ClassVar, final
 
@@ -35,8 +35,8 @@ class LQG:
         u = N (r - y_0) - K x+ - d+,   x = A x+ + B (u + d+)
 
     The disturbance d of the drive makes it integral action; as the filter is given the drive that
-    the limits left, nothing winds up. A reading that is no number is passed over; without a
-    reference the drive is held.
+    the limits left, nothing winds up. A reading that is no number, or leads to none, is passed
+    over; without a reference the drive is held.
 
     Attributes:
         a, b, c: (n, n), (n,), (n,) the plant between drive and reading.
@@ -45,6 +45,7 @@ class LQG:
         filter: (n + 1,) L, and l [V/m].
         rest: y_0, the reading at rest without a drive [m].
         period: of the sampling [s].
+        largest: v beyond which it is cut [m]: more is a fault of the sensor.
 
     Source: Franklin, Powell & Workman (1998), Digital Control of Dynamic Systems, ch. 8.
     """
@@ -59,6 +60,7 @@ class LQG:
     filter: FloatArray
     rest: float
     period: float
+    largest: float = float("inf")
 
     def begin(self) -> LQGState:
         """At rest without a drive."""
@@ -78,12 +80,24 @@ class LQG:
                 f"The controller is sampled every {self.period:g} s, the loop every {period:g} s."
             )
         off = reading - self.rest - float(self.c @ state.states)
-        off = off if isfinite(off) else 0.0
+        off = min(max(off, -self.largest), self.largest) if isfinite(off) else off
+        found = self._sample(state, reference, off, low, high) if isfinite(off) else None
+        found = found or self._sample(state, reference, 0.0, low, high)
+        held = min(max(state.drive, low), high)
+        return found or (held, replace(state, drive=held))
+
+    def _sample(
+        self, state: LQGState, reference: float, off: float, low: float, high: float
+    ) -> tuple[float, LQGState] | None:
+        """With a surprise [m] of the reading; None where that leads to what is no number."""
         x = state.states + self.filter[:-1] * off
         d = state.disturbance + float(self.filter[-1]) * off
         asked = self.precompensator * (reference - self.rest) - float(self.gain @ x) - d
         drive = min(max(asked if isfinite(asked) else state.drive, low), high)
-        return drive, LQGState(self.a @ x + self.b * (drive + d), d, drive)
+        after = self.a @ x + self.b * (drive + d)
+        if not isfinite(d) or not np.isfinite(after).all():
+            return None
+        return drive, LQGState(after, d, drive)
 
     def told(self) -> str:
         """The law and its gains."""
@@ -100,7 +114,7 @@ class LQG:
         names = ("a", "b", "c", "gain", "filter")
         return {
             "kind": self.kind, "period": self.period, "precompensator": self.precompensator,
-            "rest": self.rest,
+            "rest": self.rest, "largest": self.largest,
             **{name: getattr(self, name).tolist() for name in names},
         }  # fmt: skip
 

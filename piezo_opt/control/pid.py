@@ -37,9 +37,11 @@ class PID:
     Args:
         kp: [V/m], ki: [V/(m s)], kd: [V s/m].
         tau: time constant of the derivative's filter [s].
+        largest: error beyond which it is cut [m]: more is a fault of the sensor, which the integral
+            would remember.
 
-    A reference or reading that is no number is passed over: the error stays what it was, and
-    nothing is integrated.
+    A reference or reading that is no number, or leads to none, is passed over: the error stays what
+    it was, and nothing is integrated.
 
     Raises:
         InputError: a gain or time that is negative or no number.
@@ -53,12 +55,15 @@ class PID:
     ki: float = 0.0
     kd: float = 0.0
     tau: float = 0.0
+    largest: float = float("inf")
 
     def __post_init__(self) -> None:
         for name in ("kp", "ki", "kd", "tau"):
             value = getattr(self, name)
             if not (0.0 <= value < float("inf")):
                 raise InputError(f"{name} = {value}: a PID takes numbers from 0 on")
+        if not self.largest > 0.0:
+            raise InputError(f"largest = {self.largest} m: give a positive error")
 
     def begin(self) -> PIDState:
         """Nothing remembered."""
@@ -70,13 +75,15 @@ class PID:
     ) -> tuple[float, PIDState]:  # fmt: skip
         """The drive [V] within its limits, and what is remembered for the next sample."""
         error = reference - reading
-        if not isfinite(error):
-            kept = self.kp * (state.error or 0.0) + state.integral + self.kd * state.slope
-            return min(max(kept, low), high), state
+        if isfinite(error):
+            error = min(max(error, -self.largest), self.largest)
         last = error if state.error is None else state.error
         slope = (self.tau * state.slope + (error - last)) / (self.tau + period)
         gained = self.ki * period * (error + last) / 2.0
         wanted = self.kp * error + (state.integral + gained) + self.kd * slope
+        if not isfinite(wanted):
+            kept = self.kp * (state.error or 0.0) + state.integral + self.kd * state.slope
+            return min(max(kept, low), high), state
         drive = min(max(wanted, low), high)
         back = min(max(wanted - drive, min(gained, 0.0)), max(gained, 0.0))
         return drive, PIDState(state.integral + gained - back, slope, error)

@@ -56,6 +56,29 @@ class Shaper:
         grown = self.amplitudes * np.exp(zeta * omega * (self.times - self.times[-1]))
         return float(np.abs(np.sum(grown * np.exp(1j * damped * self.times))))
 
+    def taps(self, period: float) -> tuple[NDArray[np.int64], FloatArray]:
+        """Samples of delay (k,) and weights (k,) of the same at a period [s].
+
+        An impulse between two samples is shared by them, as :meth:`shaped` does.
+
+        Raises:
+            InputError: no period, or one in which the shaper is over.
+        """
+        if not 0.0 < period <= self.delay:
+            raise InputError(
+                f"period = {period} s: the shaper lasts {self.delay:.3g} s: sample faster"
+            )
+        weights = np.zeros(int(np.ceil(self.delay / period)) + 2)
+        for a, t in zip(self.amplitudes, self.times, strict=True):
+            # What is a whole number of periods but for its last digits is that number.
+            place = float(t) / period
+            place = float(round(place)) if abs(place - round(place)) < 1e-9 else place
+            k = int(place)
+            weights[k] += a * (1.0 - (place - k))
+            weights[k + 1] += a * (place - k)
+        later = np.flatnonzero(weights)
+        return later, weights[later]
+
     def shaped(self, time: FloatArray, command: FloatArray) -> FloatArray:
         """A command (N,) on its clock [s], shaped; before the first sample it was constant.
 

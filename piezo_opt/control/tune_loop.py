@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, TypeVar, final
 
 import numpy as np
@@ -30,6 +30,8 @@ CHECKS = 500
 """Further draws on which a robust design is checked: a share of 5 % is known to 1 % of all."""
 SLACK = 0.05
 """Of what the drive reaches: a reference that goes no further is followed but for its ends."""
+FAR_OFF = 3.0
+"""Times the range that the drive reaches: an error beyond is none of the actuator's."""
 _APART = 1_000_003
 _KEPT = 1e-4
 """Relative violation that counts as none: the search leaves less."""
@@ -156,11 +158,15 @@ class Tuned(Generic[C]):
 @final
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A plant and what its loop is asked to do, as :func:`~piezo_opt.control.tune_pid` takes it."""
+    """A plant and what its loop is asked to do, as :func:`~piezo_opt.control.tune_pid` takes it.
+
+    ``largest`` is an error that cannot be [m].
+    """
 
     plant: Identified
     asked: Asked
     scenarios: int
+    largest: float
 
 
 def task(
@@ -196,7 +202,7 @@ def task(
         effort, overshoot, drive, peak, (known.noise or 0.0) if noise is None else noise,
         disturbance, seed, at,
     )  # fmt: skip
-    _reachable(model, numbers, asked)
+    far = FAR_OFF * _reachable(model, numbers, asked)
     shortest = min(one.size for one in asked.references)
     if asked.delay >= shortest:
         raise InputError(
@@ -206,14 +212,17 @@ def task(
     own = {k: v for k, v in numbers.items() if k in model.parameters}
     return Task(Identified(
         model, known.values.with_(own), known.names, known.covariance, known.bounds
-    ), asked, scenarios)  # fmt: skip
+    ), asked, scenarios, far)  # fmt: skip
 
 
-def _reachable(model: Model, numbers: Values, asked: Asked) -> None:
-    """Refuse references beyond what the limits of the drive reach."""
+def _reachable(model: Model, numbers: Values, asked: Asked) -> float:
+    """How wide the range is that the drive reaches [m]; references beyond it are refused.
+
+    Without limits of the drive that of the references.
+    """
     limits = asked.limits
     if not np.isfinite([limits.low, limits.high]).all():
-        return
+        return max(float(np.ptp(np.append(one, 0.0))) for one in asked.references)
     own = {k: v for k, v in numbers.items() if k in model.parameters}
     found = reach(model, Values(own), limits, asked.period)
     slack = SLACK * (found.high - found.low)
@@ -225,6 +234,7 @@ def _reachable(model: Model, numbers: Values, asked: Asked) -> None:
                 f"{limits.high:g} V reach {show(found.low, 'm')} to {show(found.high, 'm')}: ask "
                 "for less, or widen the limits."
             )
+    return found.high - found.low
 
 
 def tune(
@@ -280,7 +290,7 @@ def tune(
     found = _better([search(function, b, program.low, program.high, tell=tell) for b in begins])
     spent += program.simulations
     each = max(what.scenarios, 1) * len(asked.references)
-    controller = program.family.controller(found.x)
+    controller = replace(program.family.controller(found.x), largest=what.largest or np.inf)
     linear = margins(
         model, program.transfer(found.x), period=asked.period, delay=asked.delay, values=numbers,
         at=asked.at,

@@ -56,7 +56,7 @@ int main(void)
 }}
 """
 
-_CMAKE: Final = """\
+BUILD: Final = """\
 cmake_minimum_required(VERSION 3.10)
 project({n} C)
 set(CMAKE_C_STANDARD 99)
@@ -121,7 +121,7 @@ def program(plan: Plan, precision: Precision, unit: str) -> str:
 
 def build_file(plan: Plan) -> str:
     """CMakeLists.txt."""
-    return _CMAKE.format(n=plan.prefix)
+    return BUILD.format(n=plan.prefix)
 
 
 def read_me(plan: Plan, precision: Precision, scheme: str, replay: str) -> str:

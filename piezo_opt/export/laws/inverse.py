@@ -32,6 +32,7 @@ typedef struct {{
     {real} gamma;                      /* roundness of the loop [1/V] */
     {real} drive;                      /* of the last sample [V] */
     {real} loop;                       /* hysteretic displacement there [m] */
+    int status;                        /* 0, or 1: limits were met, 2: no number was given */
 }} {n};
 
 /* The values of the fit, at rest without a drive. */
@@ -51,6 +52,7 @@ _SOURCE: Final = """\
 /* {n}: the drive that a hysteretic actuator needs for a position. */
 #include "{n}.h"
 
+#include <float.h>
 #include <math.h>
 
 {lacking}/* h after dh/du = alpha - rate h over a length [V]. */
@@ -88,6 +90,7 @@ void {n}_init({n} *c)
     c->gamma = {gamma};
     c->drive = {zero};
     c->loop = {zero};
+    c->status = 0;
 }}
 
 {real} {n}_act({n} *c, {real} reference, {real} low, {real} high)
@@ -101,6 +104,10 @@ void {n}_init({n} *c)
         drive += moved;
         if ({fabs}(moved) <= {close} * {fabs}(drive)) break;
     }}
+    /* A reference that is no number has no drive: it is held. */
+    c->status = {fabs}(drive) <= {largest} ? 0 : 2;
+    if (c->status) drive = c->drive;
+    c->status |= drive < low || drive > high;
     if (drive < low) drive = low;
     if (drive > high) drive = high;
     c->loop = {n}_loop(c, drive, &slope);
@@ -125,6 +132,7 @@ def inverse_compensation(
         "lacking": f"{needed}\n", "n": name, "guard": name.upper(), "real": precision.name,
         "rounds": _ROUNDS, "close": precision.number(_CLOSE[precision.name]),
         "zero": precision.number(0.0), "one": precision.number(1.0),
+        "largest": "FLT_MAX" if precision.is_float else "DBL_MAX",
         "tiny": precision.number(1e-12 if precision.name == "double" else 1e-7),
         **{f: precision.call(f) for f in ("fabs", "log1p", "expm1")},
         **{k: precision.number(getattr(law, k)) for k in ("gain", "alpha", "beta", "gamma")},
