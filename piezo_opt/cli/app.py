@@ -5,30 +5,19 @@ from __future__ import annotations
 import sys
 import tempfile
 import traceback
+from collections.abc import Iterator, Mapping
+from importlib import import_module
 from importlib.metadata import version as installed
 from pathlib import Path
-from typing import Annotated, Any, final
+from typing import Annotated, Any, Final, final
 
 import typer
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
+from typer.models import TyperInfo
 
-from piezo_opt.cli.bench import bench
-from piezo_opt.cli.check import check
-from piezo_opt.cli.compare import compare
-from piezo_opt.cli.demo import demo
-from piezo_opt.cli.diagnose import diagnose
 from piezo_opt.cli.enduring import Enduring
-from piezo_opt.cli.export import export
-from piezo_opt.cli.fem import fem
-from piezo_opt.cli.fit import fit
-from piezo_opt.cli.linear import linear
 from piezo_opt.cli.outputs import INTERRUPTED
-from piezo_opt.cli.report import report
-from piezo_opt.cli.signal_best import signal
-from piezo_opt.cli.simulate import simulate
-from piezo_opt.cli.study import study
-from piezo_opt.cli.tune import tune
 from piezo_opt.errors import PiezoOptError
 
 __all__ = ["app", "main"]
@@ -37,9 +26,49 @@ BAD_INPUT = 2
 FAILED = 1
 
 
+_ROOMS: Final = {
+    **{name: name for name in ("demo", "check", "fit", "diagnose", "simulate", "compare")},
+    **{name: name for name in ("report", "linear", "bench", "study", "export", "fem")},
+    "signal": "signal_best",
+    "tune": "tune",
+}
+"""The file of each command, in the order of the help."""
+
+
+@final
+class _OnDemand(Mapping[str, Any]):
+    """The commands by name, each made of its file when it is asked for: none waits for another's
+    imports."""
+
+    def __getitem__(self, name: str) -> Any:
+        made = getattr(import_module(f"piezo_opt.cli.{_ROOMS[name]}"), name)
+        if isinstance(made, typer.Typer):
+            return typer.main.get_group_from_info(
+                TyperInfo(made, name=name),
+                pretty_exceptions_short=True,
+                rich_markup_mode=None,
+                suggest_commands=True,
+            )
+        alone = typer.Typer(
+            add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False
+        )
+        alone.command(name)(made)
+        return typer.main.get_command(alone)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_ROOMS)
+
+    def __len__(self) -> int:
+        return len(_ROOMS)
+
+
 @final
 class _OneSentence(TyperGroup):
     """Turns what a user did wrong into one sentence on stderr and exit code 2."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands = _OnDemand()  # type: ignore[assignment]
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; an error of the user's is no reason for a traceback."""
@@ -113,16 +142,6 @@ def _options(
     ] = False,
 ) -> None:
     pass
-
-
-for command in (demo, check, fit, diagnose, simulate, compare, report, linear):
-    app.command()(command)
-app.add_typer(bench)
-app.add_typer(study)
-app.add_typer(export)
-app.add_typer(fem)
-app.add_typer(signal)
-app.add_typer(tune)
 
 
 def main() -> None:

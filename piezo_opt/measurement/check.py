@@ -129,7 +129,8 @@ def check(
     told: list[tuple[str, Finding]] = []
     kept: list[Measurement] = []
     for record in campaign:
-        findings = found(record, accepted)
+        # A record remembers what was found; looking takes half a second for a million samples.
+        findings = found(record, accepted) if accepted else record.findings
         told += [(record.name, one) for one in findings]
         kept += _mended(record, findings, accepted, asked)
     # On the records as they were given, too: one of them may have become two.
