@@ -49,8 +49,10 @@ class Linearised:
     @property
     def usable(self) -> bool:
         """Whether everything is finite, squares included: a simulation that diverges is not."""
-        both = (self.residual, self.jacobian)
-        return all(bool(np.abs(a).max(initial=0.0) < DIVERGED) for a in both)
+        return all(
+            bool(-DIVERGED < a.min(initial=0.0) and a.max(initial=0.0) < DIVERGED)
+            for a in (self.residual, self.jacobian)
+        )
 
 
 @final
@@ -248,6 +250,11 @@ class Objective:
 
     def cost(self, residual: FloatArray) -> float:
         """Half the sum of the loss over the residuals [m^2]."""
+        if self.question.loss.shape is Shape.SQUARE:
+            with np.errstate(over="ignore"):
+                squares = float(residual @ residual)
+            if squares < DIVERGED:
+                return 0.5 * squares
         # A diverging simulation is no better than an infinite one, and must not overflow.
         if not np.isfinite(residual).all() or float(np.abs(residual).max(initial=0.0)) > DIVERGED:
             return float("inf")

@@ -149,11 +149,11 @@ class Program:
         k = 0 if begins is None else begins.size
         p = vector(parameters, len(self.system.parameter_names))
         d = np.zeros(n) if deviation is None else vector(deviation, n)
-        when, drive = np.full(1, at[0]), np.full(1, at[1])
+        when, drive = ctypes.c_double(at[0]), ctypes.c_double(at[1])
         beside = vector(at[2], len(self.system.channel_names))
         x, s = np.empty(n), np.zeros((n, k))
         checked(self.core.po_start(
-            ctypes.byref(self.plan), when.ctypes.data, drive.ctypes.data, beside.ctypes.data,
+            ctypes.byref(self.plan), ctypes.byref(when), ctypes.byref(drive), beside.ctypes.data,
             p.ctypes.data, d.ctypes.data, None if begins is None else begins.ctypes.data, k,
             x.ctypes.data, s.ctypes.data,
         ))  # fmt: skip
@@ -379,6 +379,7 @@ class ComposedEngine:
         self._moves = np.array([places.get(n, -1) for n in directions], dtype=np.int32)
         clocks = np.array([n in program.composition.clocks for n in directions], dtype=np.int32)
         self._clocks = clocks if clocks.any() else None
+        self._where = self._moves.ctypes.data, clocks.ctypes.data if clocks.any() else None
         self._shape = len(system.state_names), len(directions)
         self._parameters = len(system.parameter_names)
 
@@ -421,8 +422,7 @@ class ComposedEngine:
             at.channels_by_delay, at.reading,
         )  # fmt: skip
         wanted = _Wanted(
-            p.ctypes.data, self._moves.ctypes.data,
-            None if self._clocks is None else self._clocks.ctypes.data, k, x.ctypes.data,
+            p.ctypes.data, *self._where, k, x.ctypes.data,
             s.ctypes.data, y.ctypes.data, j.ctypes.data, None if xs is None else xs.ctypes.data,
             None if measured is None else measured.ctypes.data, most,
             None if code is None else code.address,
@@ -456,9 +456,7 @@ class ComposedEngine:
 
     def _translated(self, s: FloatArray, where: Any, counts: Any) -> Code | None:
         address = self._core.po_translate(
-            self._plan, self._moves.ctypes.data,
-            None if self._clocks is None else self._clocks.ctypes.data, self._shape[1],
-            s.ctypes.data, where, counts,
+            self._plan, *self._where, self._shape[1], s.ctypes.data, where, counts,
         )  # fmt: skip
         return None if address is None else Code(self._core, address)
 
