@@ -11,12 +11,10 @@ from typing import Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.assembly import assemble, folded
 from piezo_opt.benchmark.table import table
 from piezo_opt.effects import BoucWen, Model, Offset, PiezoGain, SecondOrder
 from piezo_opt.measurement import Measurement
-from piezo_opt.simulation import Simulator, Substeps, simulate_many
-from piezo_opt.simulation.engine import whole_program
+from piezo_opt.simulation import Simulator, simulate_many
 from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
@@ -38,7 +36,6 @@ class BatchSpeed:
 
     Attributes:
         sets, samples, sub_steps: size of the task.
-        whole: one by one, by a program that is compiled for this model alone.
         single: one by one, as ``simulate`` does.
         lanes: in lanes on one core.
         squares: in lanes on one core, sums of squares only.
@@ -50,7 +47,6 @@ class BatchSpeed:
     sets: int
     samples: int
     sub_steps: int
-    whole: float
     single: float
     lanes: float
     squares: float
@@ -64,13 +60,12 @@ class BatchSpeed:
 
     def __str__(self) -> str:
         rows = [
-            ("one by one, compiled whole", self.whole),
-            ("one by one, as simulate does", self.single),
+            ("one by one", self.single),
             ("in lanes", self.lanes),
             ("in lanes, sums of squares", self.squares),
             (f"in lanes, {self.threads} threads", self.cores),
         ]
-        cells = [(name, f"{ns:.2f}", f"{self.whole / ns:.2f}") for name, ns in rows]
+        cells = [(name, f"{ns:.2f}", f"{self.single / ns:.2f}") for name, ns in rows]
         return (
             f"{self.sets} sets on {self.samples} samples, {self.sub_steps} sub-steps each; "
             f"readings agree to {self.error:.0e} of the range\n"
@@ -99,14 +94,12 @@ def measure_batch(sets: int = 1000, samples: int = 2000, repetitions: int = 15) 
     simulator = Simulator(model, record, own[0], substeps=substeps)
     readings = [simulator.reading(one) for one in own]
     steps = simulator.substeps(own[0])
-    whole = _whole(model, record, own[0], substeps)
 
     def batch(**more: Any) -> None:
         simulate_many(model, values, record, substeps=substeps, **more)
 
     # By turns, so that whatever else the machine does hits all alike.
     ways: dict[str, tuple[Callable[[], object], int]] = {
-        "whole": (lambda: [whole(one) for one in own], len(own)),
         "single": (lambda: [simulator.reading(one) for one in own], len(own)),
         "lanes": (lambda: batch(threads=1), sets),
         "squares": (lambda: batch(threads=1, readings=False), sets),
@@ -129,27 +122,6 @@ def _record(samples: int) -> Measurement:
     slow = 30.0 - 30.0 * np.cos(2.0 * np.pi * 10.0 * time)
     drive = slow + 8.0 * np.sin(2.0 * np.pi * (20.0 + 80.0 * time) * time)
     return Measurement(time, drive, np.linspace(0.0, 1e-6, samples), name="batch")
-
-
-def _whole(
-    model: Model, record: Measurement, first: dict[str, float], substeps: Substeps
-) -> Callable[[dict[str, float]], object]:
-    """One set by a program compiled for the model alone; nothing where there is no compiler."""
-    system = assemble(model, folded(model))
-    engine = whole_program(system)
-    segment = Simulator(model, record, first, substeps=substeps).segment(first)
-    cut = substeps.of(segment)
-    still = np.zeros(len(system.state_names))
-    none = np.zeros((still.size, 0))
-
-    def act(one: dict[str, float]) -> object:
-        if engine is None:
-            return None
-        p = np.array([one[n] for n in system.parameter_names])
-        start, _ = engine.start(segment, p, still)
-        return engine.run(segment, cut, p, start, none)
-
-    return act
 
 
 def _seconds(act: Callable[[], object]) -> float:

@@ -50,7 +50,7 @@ class Linearised:
     def usable(self) -> bool:
         """Whether everything is finite, squares included: a simulation that diverges is not."""
         return all(
-            bool(-DIVERGED < a.min(initial=0.0) and a.max(initial=0.0) < DIVERGED)
+            bool(a.min(initial=0.0) > -DIVERGED and a.max(initial=0.0) < DIVERGED)
             for a in (self.residual, self.jacobian)
         )
 

@@ -18,6 +18,7 @@ from piezo_opt.simulation.exponential import reach
 from piezo_opt.simulation.library import (
     GENERIC,
     MACHINE,
+    Address,
     Functions,
     Library,
     catalogue,
@@ -26,6 +27,7 @@ from piezo_opt.simulation.library import (
 from piezo_opt.simulation.runs import Ceiling, Run
 from piezo_opt.simulation.schedule import Segment
 from piezo_opt.simulation.scheme import INITIAL
+from piezo_opt.simulation.undivided import undivided
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -189,21 +191,33 @@ def _program(system: System, exact: bool, library: Library) -> Program | None:
                 return None
             found[name] = functions
         composition = compose(system, {n: f.form for n, f in found.items()}, exact)
-        return _planned(system, composition, found, library)
     except (NotComposable, ModelError, NotImplementedError):
-        # Either it needs a program of its own, or the assembler says what is wrong.
+        return _by_itself(system, exact, library)
+    addresses = {symbol: pair for f in found.values() for symbol, pair in f.addresses.items()}
+    kept = {p.symbol: p.kept for f in found.values() for p in f.form.parts.values()}
+    return _planned(system, composition, addresses, kept, library, found)
+
+
+def _by_itself(system: System, exact: bool, library: Library) -> Program | None:
+    try:
+        one = undivided(system, exact)
+    except (NotComposable, ModelError, NotImplementedError):
+        # Either CasADi knows an operation that C does not, or the assembler says what is wrong.
         return None
+    if one is None:
+        return None
+    return _planned(system, one.composition, one.addresses, one.kept, library, one)
 
 
 def _planned(
     system: System,
     composition: Composition,
-    found: dict[str, Functions],
+    addresses: Mapping[str, tuple[Address, Address]],
+    kept_by: Mapping[str, tuple[int, int]],
     library: Library,
+    held: object,
 ) -> Program:
     core = library.loaded
-    addresses = {symbol: pair for f in found.values() for symbol, pair in f.addresses.items()}
-    kept_by = {p.symbol: p.kept for f in found.values() for p in f.form.parts.values()}
     nothing = _address(core, "po_nothing")
     rows: list[tuple[int, ...]] = []
     slots: list[int] = []
@@ -262,7 +276,7 @@ def _planned(
         "read": composition.read, **composition.first,
     }  # fmt: skip
     plan = _Plan(**{k: a.ctypes.data for k, a in arrays.items()}, **bounds, **counts)
-    return Program(system, composition, plan, _typed(core), (arrays, found))
+    return Program(system, composition, plan, _typed(core), (arrays, held))
 
 
 _WIDE: Final = 8

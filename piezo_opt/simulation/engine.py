@@ -7,32 +7,23 @@ a run changes, so several threads may use one.
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache, lru_cache
-from importlib import metadata, resources
-from typing import Final, Protocol, final
+from functools import lru_cache
+from typing import Protocol, final
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.assembly import System
-from piezo_opt.simulation.compiler import load
-from piezo_opt.simulation.composed import ComposedEngine, vector
+from piezo_opt.simulation.composed import ComposedEngine
 from piezo_opt.simulation.composed import program as composed
-from piezo_opt.simulation.program import RUN, START, source
 from piezo_opt.simulation.runs import Ceiling, Run
 from piezo_opt.simulation.schedule import Segment
-from piezo_opt.simulation.scheme import Scheme, outline, scheme
+from piezo_opt.simulation.scheme import Scheme, scheme
 from piezo_opt.symbolic import one_at_a_time
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
-
-WRITERS: Final = (
-    "scheme", "exponential", "instructions", "quick", "emit", "tangents", "powers", "program",
-)  # fmt: skip
-"""Files of this folder that the text of a program follows from."""
 
 
 class Engine(Protocol):
@@ -70,7 +61,6 @@ def engine(
     directions: tuple[str, ...],
     prefer_compiled: bool = True,
     exact: bool = False,
-    whole: bool = False,
 ) -> Engine:
     """The engine that serves best on this machine for a system and its directions.
 
@@ -79,120 +69,16 @@ def engine(
         directions: of the sensitivities.
         prefer_compiled: False takes CasADi's virtual machine even where a compiler exists.
         exact: whether linear blocks are moved by their exponential.
-        whole: a program compiled for this one model, which takes a second or two and is several
-            times as fast as one composed of compiled effects.
     """
-    if prefer_compiled:
-        made = None if whole else composed(system, exact)
-        if made is not None:
-            return ComposedEngine(made, directions)
-        program = whole_program(system, directions, exact)
-        if program is not None:
-            return program
+    made = composed(system, exact) if prefer_compiled else None
+    if made is not None:
+        return ComposedEngine(made, directions)
     return _interpreter(system, directions, exact)
-
-
-def whole_program(
-    system: System, directions: tuple[str, ...] = (), exact: bool = False
-) -> CompiledEngine | None:
-    """The engine of a program that is compiled for a system alone; None where it cannot be."""
-    try:
-        library = load(
-            _recipe(system, directions, exact), lambda _: _program(system, directions, exact)
-        )
-    except NotImplementedError:
-        # A user's effect may use an operation that CasADi knows and C does not.
-        return None
-    return None if library is None else CompiledEngine(system, directions, library)
-
-
-@one_at_a_time
-def _program(system: System, directions: tuple[str, ...], exact: bool) -> str:
-    return source(outline(system, directions, exact))
 
 
 @one_at_a_time
 def _interpreter(system: System, directions: tuple[str, ...], exact: bool) -> VirtualMachine:
     return VirtualMachine(scheme(system, directions, exact))
-
-
-def _recipe(system: System, directions: tuple[str, ...], exact: bool) -> str:
-    """All that the C program of a system depends on; much quicker to say than to write it."""
-    return "\n".join((system.recipe, *directions, f"{exact=}", _writers()))
-
-
-@cache
-def _writers() -> str:
-    """What turns a system into a program: this package's own lines, and CasADi."""
-    here = resources.files(__package__)
-    lines = (here.joinpath(f"{name}.py").read_text() for name in WRITERS)
-    return "\n".join((metadata.version("casadi"), *lines))
-
-
-def _address(array: FloatArray) -> int:
-    return int(array.ctypes.data)
-
-
-@final
-class CompiledEngine:
-    """The C program of a scheme, called through ctypes (which releases the interpreter lock)."""
-
-    compiled = True
-
-    def __init__(self, system: System, directions: tuple[str, ...], library: ctypes.CDLL) -> None:
-        self._shape = len(system.state_names), len(directions)
-        self._parameters = len(system.parameter_names)
-        self._run = getattr(library, RUN)
-        self._run.restype = None
-        self._run.argtypes = [ctypes.c_long, *[ctypes.c_void_p] * 19, ctypes.c_double]
-        self._start = getattr(library, START)
-        self._start.restype = None
-        self._start.argtypes = [ctypes.c_void_p] * 7
-
-    def start(
-        self, segment: Segment, parameters: FloatArray, deviation: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """States (n,) and their sensitivities (n, k) at rest, plus a deviation (n,)."""
-        p, d = vector(parameters, self._parameters), vector(deviation, self._shape[0])
-        x, s = np.empty(self._shape[0]), np.zeros(self._shape)
-        at = segment.addresses
-        self._start(at.time, at.drive, at.channels, _address(p), _address(d), _address(x),
-                    _address(s))  # fmt: skip
-        return x, s
-
-    def run(
-        self,
-        segment: Segment,
-        substeps: IntArray,
-        parameters: FloatArray,
-        start: FloatArray,
-        start_sensitivities: FloatArray,
-        *,
-        states: bool = False,
-        ceiling: Ceiling | None = None,
-    ) -> Run:
-        """Simulate."""
-        count, (n, k) = segment.readings, self._shape
-        p = vector(parameters, self._parameters)
-        x = vector(start, n).copy()
-        s = np.array(start_sensitivities, dtype=float, order="C")
-        cut = np.ascontiguousarray(substeps, dtype=np.int32)
-        if s.shape != (n, k) or cut.shape != segment.length.shape:
-            raise ValueError(f"sensitivities {s.shape}, sub-steps {cut.shape}: wrong shape")
-        y, j = np.full(count, np.nan), np.empty((count, k))
-        xs = np.empty((count, n)) if states else None
-        measured, most = None, np.inf
-        if ceiling is not None:
-            measured, most = vector(ceiling.measured, count), ceiling.squares
-        at = segment.addresses
-        self._run(
-            segment.length.size, at.length, cut.ctypes.data, at.time, at.drive, at.slope,
-            at.channels, at.channel_slopes, at.length_by_delay, at.drive_by_delay,
-            at.time_by_delay, at.channels_by_delay, at.reading, _address(p), _address(x),
-            _address(s), _address(y), _address(j), None if xs is None else _address(xs),
-            None if measured is None else _address(measured), most,
-        )  # fmt: skip
-        return Run(y, j, xs, x, s)
 
 
 def _pack(made: Scheme, dense: FloatArray) -> FloatArray:

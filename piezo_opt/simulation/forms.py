@@ -109,6 +109,25 @@ class Written:
     places: tuple[tuple[int, int], ...]
 
 
+def with_slopes(column: ca.SX, p: ca.SX, z: ca.SX) -> Written:
+    """Expressions of parameters p and others z, with their derivatives by both."""
+    slopes = ca.jacobian(column, ca.vertcat(p, z))
+    rows, columns = slopes.sparsity().get_triplet()
+    every = [slopes.nz[i] for i in range(slopes.nnz())]
+    told = [
+        (place, entry)
+        for place, entry in zip(zip(rows, columns, strict=True), every, strict=True)
+        if not entry.is_zero()
+    ]
+    entries = [entry for _, entry in told]
+    derivatives = ca.vertcat(*entries) if entries else ca.SX(0, 1)
+    return Written(
+        ca.Function("po_plain", [p, z], [ca.cse(column)]),
+        ca.Function("po_moved", [p, z], ca.cse([column, derivatives])),
+        tuple(place for place, _ in told),
+    )
+
+
 def elements(name: str, size: int) -> tuple[str, ...]:
     """Names of a state's elements."""
     return (name,) if size == 1 else tuple(f"{name}[{i}]" for i in range(size))
@@ -251,21 +270,7 @@ class _Writer:
         inputs = (*parameters, *others)
         p = ca.vertcat(*(self._symbols[n] for n in parameters)) if parameters else ca.SX(0, 1)
         z = ca.vertcat(*(self._symbols[n] for n in others)) if others else ca.SX(0, 1)
-        slopes = ca.jacobian(column, ca.vertcat(p, z))
-        rows, columns = slopes.sparsity().get_triplet()
-        every = [slopes.nz[i] for i in range(slopes.nnz())]
-        told = [
-            (place, entry)
-            for place, entry in zip(zip(rows, columns, strict=True), every, strict=True)
-            if not entry.is_zero()
-        ]
-        entries = [entry for _, entry in told]
-        derivatives = ca.vertcat(*entries) if entries else ca.SX(0, 1)
-        self._written[kind] = Written(
-            ca.Function("po_plain", [p, z], [ca.cse(column)]),
-            ca.Function("po_moved", [p, z], ca.cse([column, derivatives])),
-            tuple(place for place, _ in told),
-        )
+        self._written[kind] = with_slopes(column, p, z)
         needs = [{s.name() for s in ca.symvar(one)} for one in outputs]
         linear: list[Mapping[str, Term]] = [{}] * len(outputs)
         bends = needs

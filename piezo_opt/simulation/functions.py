@@ -15,17 +15,20 @@ from typing import Final
 
 import casadi as ca
 
-from piezo_opt.simulation.emit import BINARY, UNARY, number
+from piezo_opt.simulation.emit import number, pattern
 from piezo_opt.simulation.forms import Written
-from piezo_opt.simulation.instructions import Instruction, fused, instructions, known_at
+from piezo_opt.simulation.instructions import (
+    LOG_ABOVE,
+    POWER,
+    Instruction,
+    fused,
+    instructions,
+    known_at,
+    quick,
+)
 
 _TABLE: Final = 169
 """Numbers in the tables of one power (see powers.py)."""
-_POWER, _EXP, _LOG, _LOG_ABOVE = -1, -2, -3, -4
-"""Operations that CasADi has none of: powers, exponentials and logarithms from tables."""
-_TEXTS: Final[Mapping[int, str]] = {
-    **BINARY, **UNARY, _EXP: "po_exp({0})", _LOG: "po_log({0})", _LOG_ABOVE: "po_log(1.0 + {0})",
-}  # fmt: skip
 _WORDS: Final[Mapping[int, str]] = {
     ca.OP_ADD: "ADD", ca.OP_SUB: "SUB", ca.OP_MUL: "MUL", ca.OP_DIV: "DIV", ca.OP_FMIN: "MIN",
     ca.OP_FMAX: "MAX", ca.OP_LT: "LESS", ca.OP_LE: "AT_MOST", ca.OP_EQ: "EQUAL",
@@ -59,7 +62,7 @@ def c_functions(
 def _half(
     symbol: str, function: ca.Function, places: Sequence[tuple[int, int]], stepped: bool
 ) -> tuple[str, int]:
-    program = _quick(fused(instructions(function)))
+    program = quick(fused(instructions(function)), (0, 1), tables=True)
     level = known_at(program, (0, 1))
     np_, nz, count = function.numel_in(0), function.numel_in(1), function.numel_out(0)
     text: dict[int, str] = {}
@@ -80,10 +83,10 @@ def _half(
         else:
             text[k] = f"a{k}"
             said = [text[i] for i in one.inputs]
-            if one.op == _POWER:
+            if one.op == POWER:
                 line = f"const double a{k} = po_power({said[0]}, (const po_powers *)(K + @));"
             else:
-                line = f"const double a{k} = {_pattern(one.op).format(*said)};"
+                line = f"const double a{k} = {pattern(one.op).format(*said)};"
             if level[k]:
                 after.append((k, line))
             else:
@@ -100,7 +103,7 @@ def _half(
         )
     for k, line in after:
         if k in used:
-            power = program[k].op == _POWER
+            power = program[k].op == POWER
             body.append(line.replace("@", str(tables[program[k].inputs[1]])) if power else line)
     said = ["0.0" if k < 0 else text[k] for k in ends[0]]
     body += [f"PO_NUMBER(A[{np_ + nz + i}]) = {one};" for i, one in enumerate(said)]
@@ -117,68 +120,6 @@ def _half(
     ), room
 
 
-def _pattern(op: int) -> str:
-    if op not in _TEXTS:
-        raise NotImplementedError(f"CasADi operation {op} has no C text in {__name__}.")
-    return _TEXTS[op]
-
-
-def _quick(program: Mapping[int, Instruction]) -> dict[int, Instruction]:
-    """Powers, exponentials and logarithms from tables, and inverses of what stays divisor.
-
-    Each differs from the usual form by some units of the last digit.
-    """
-    level = known_at(program, (0, 1))
-    found: dict[int, Instruction] = {}
-    inverses: dict[int, int] = {}
-    powers = {k: power for k in program if (power := _power(program, level, k))}
-    served = {logarithm for logarithm, _ in powers.values()}
-    for k, one in program.items():
-        quick = one
-        if level[k] == 0 or one.op in (ca.OP_OUTPUT, ca.OP_INPUT):
-            pass
-        elif k in powers:
-            logarithm, exponent = powers[k]
-            quick = Instruction(_POWER, (program[logarithm].inputs[0], exponent))
-        elif one.op == ca.OP_EXP:
-            quick = Instruction(_EXP, one.inputs)
-        elif one.op == ca.OP_LOG and k in served and _uses(program, k) == _served(powers, k):
-            quick = Instruction(_LOG, one.inputs)
-        elif one.op == ca.OP_LOG1P and program[one.inputs[0]].op == ca.OP_EXP:
-            # A logarithm that is wanted for itself keeps its last digits near 1.
-            quick = Instruction(_LOG_ABOVE, one.inputs)
-        elif one.op == ca.OP_DIV and level[one.inputs[1]] == 0:
-            divisor = one.inputs[1]
-            if divisor not in inverses:
-                inverses[divisor] = max(program) + 1 + len(inverses)
-                found[inverses[divisor]] = Instruction(ca.OP_INV, (divisor,))
-            quick = Instruction(ca.OP_MUL, (one.inputs[0], inverses[divisor]))
-        found[k] = quick
-    return found
-
-
-def _power(
-    program: Mapping[int, Instruction], level: Mapping[int, int], k: int
-) -> tuple[int, int] | None:
-    """Logarithm and exponent of an exponential whose exponent the parameters alone decide."""
-    one = program[k]
-    if level[k] == 0 or one.op != ca.OP_EXP or program[one.inputs[0]].op != ca.OP_MUL:
-        return None
-    factors = program[one.inputs[0]].inputs
-    for exponent, logarithm in (factors, factors[::-1]):
-        if program[logarithm].op == ca.OP_LOG and level[exponent] == 0:
-            return logarithm, exponent
-    return None
-
-
-def _uses(program: Mapping[int, Instruction], k: int) -> int:
-    return sum(one.inputs.count(k) for one in program.values())
-
-
-def _served(powers: Mapping[int, tuple[int, int]], k: int) -> int:
-    return sum(logarithm == k for logarithm, _ in powers.values())
-
-
 def _used(
     program: Mapping[int, Instruction], level: Mapping[int, int], roots: Sequence[int]
 ) -> set[int]:
@@ -189,7 +130,7 @@ def _used(
         k = left.pop()
         if k not in found:
             found.add(k)
-            if program[k].op == _POWER:
+            if program[k].op == POWER:
                 left.append(program[k].inputs[0])
             elif level[k]:
                 left += program[k].inputs
@@ -207,7 +148,7 @@ def _kept(
         if k in used and level[k] == 0 and one.op not in (ca.OP_INPUT, ca.OP_CONST):
             kept[k] = room
             room += 1
-        elif k in used and one.op == _POWER and one.inputs[1] not in tables:
+        elif k in used and one.op == POWER and one.inputs[1] not in tables:
             tables[one.inputs[1]] = room
             room += _TABLE
     return kept, tables, room
@@ -230,22 +171,22 @@ def _words(
     for k, one in program.items():
         if k not in used:
             continue
-        inputs = [at[i] for i in one.inputs if i in at] if one.op == _POWER or k not in kept else []
+        inputs = [at[i] for i in one.inputs if i in at] if one.op == POWER or k not in kept else []
         if k in kept:
             at[k] = say("KEPT", kept[k])
         elif one.op == ca.OP_INPUT:
             at[k] = say("READ", one.place[0] * parameters + one.place[1])
         elif one.op == ca.OP_CONST:
             at[k] = say("CONSTANT", 0, 0, number(one.constant))
-        elif one.op == _POWER:
+        elif one.op == POWER:
             at[k] = say("POWER", inputs[0], tables[one.inputs[1]], 0, "(po_any *)po_power")
         elif one.op in _WORDS:
             at[k] = say(_WORDS[one.op], *inputs)
-        elif one.op == _LOG_ABOVE:
+        elif one.op == LOG_ABOVE:
             one_more = say("ADD", inputs[0], say("CONSTANT", 0, 0, 1.0))
             at[k] = say("CALL", one_more, 0, 0, "(po_any *)po_log")
         else:
-            name = _pattern(one.op).partition("(")[0]
+            name = pattern(one.op).partition("(")[0]
             kind = "CALL" if len(inputs) == 1 else "CALL_TWO"
             at[k] = say(kind, inputs[0], inputs[-1], 0, f"(po_any *){name}")
     for i, k in enumerate(ends[0]):

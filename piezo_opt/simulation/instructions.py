@@ -5,9 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Final, final
 
 import casadi as ca
+
+POWER: Final = -1
+"""Power of a base with an exponent, from the exponent's tables; like those below no operation of
+CasADi's, but one of ``powers.py``."""
+EXP: Final = -2
+LOG: Final = -3
+LOG_ABOVE: Final = -4
+"""Logarithm of a number plus one."""
 
 
 @final
@@ -76,3 +84,63 @@ def known_at(program: Mapping[int, Instruction], levels: Sequence[int]) -> dict[
         else:
             found[k] = max((found[i] for i in one.inputs), default=0)
     return found
+
+
+def quick(
+    program: Mapping[int, Instruction], levels: Sequence[int], tables: bool = False
+) -> dict[int, Instruction]:
+    """Operations of the loops in forms that a sub-step waits for less long.
+
+    Powers, exponentials and logarithms come from tables, and a division by what is known further
+    out is a product. Each differs from the usual form by some units of the last digit.
+
+    Args:
+        program: a list of operations.
+        levels: loop level at which each input is known, 0 outermost.
+        tables: whether a power comes from tables of its own exponent; else it is the exponential of
+            a logarithm.
+    """
+    level = known_at(program, levels)
+    uses = Counter(i for one in program.values() for i in one.inputs)
+    powers = {k: power for k in program if (power := _power(program, level, k)) is not None}
+    served = Counter(logarithm for logarithm, _ in powers.values())
+    found: dict[int, Instruction] = {}
+    inverses: dict[int, int] = {}
+    after = max(program, default=0) + 1
+    for k, one in program.items():
+        found[k] = one
+        if level[k] == 0 or one.op in (ca.OP_OUTPUT, ca.OP_INPUT):
+            continue
+        if k in powers and tables:
+            logarithm, exponent = powers[k]
+            found[k] = Instruction(POWER, (program[logarithm].inputs[0], exponent))
+        elif one.op == ca.OP_EXP:
+            found[k] = Instruction(EXP, one.inputs)
+        elif one.op == ca.OP_LOG and uses[k] == served[k]:
+            # A logarithm that is wanted for itself keeps its last digits near 1.
+            found[k] = Instruction(LOG, one.inputs)
+        elif one.op == ca.OP_LOG1P and program[one.inputs[0]].op == ca.OP_EXP:
+            found[k] = Instruction(LOG_ABOVE, one.inputs)
+        elif one.op == ca.OP_DIV and level[one.inputs[1]] < level[k]:
+            divisor = one.inputs[1]
+            if divisor not in inverses:
+                del found[k]
+                found[after] = Instruction(ca.OP_INV, (divisor,))
+                inverses[divisor] = after
+                after += 1
+            found[k] = Instruction(ca.OP_MUL, (one.inputs[0], inverses[divisor]))
+    return found
+
+
+def _power(
+    program: Mapping[int, Instruction], level: Mapping[int, int], k: int
+) -> tuple[int, int] | None:
+    """Logarithm and exponent of an exponential whose exponent is known before the loops."""
+    one = program[k]
+    if level[k] == 0 or one.op != ca.OP_EXP or program[one.inputs[0]].op != ca.OP_MUL:
+        return None
+    factors = program[one.inputs[0]].inputs
+    for exponent, logarithm in (factors, factors[::-1]):
+        if program[logarithm].op == ca.OP_LOG and level[exponent] == 0:
+            return logarithm, exponent
+    return None

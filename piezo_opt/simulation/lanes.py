@@ -15,10 +15,16 @@ from typing import Final
 
 from piezo_opt.assembly import System
 from piezo_opt.simulation.emit import Block, emit
-from piezo_opt.simulation.powers import POWERS
-from piezo_opt.simulation.program import FLUSH, LEVELS, RUN
-from piezo_opt.simulation.scheme import START_INPUTS, outline
+from piezo_opt.simulation.library import declarations
+from piezo_opt.simulation.scheme import START_INPUTS, scheme
 
+RUN: Final = "po_run"
+"""Name of the C function."""
+LEVELS: Final = {
+    "p": 0, "h": 1, "hT": 1, "du": 2, "dc": 2, "t": 3, "x": 3, "S": 3, "u": 3, "c": 3, "uT": 3,
+    "tT": 3, "cT": 3,
+}  # fmt: skip
+"""Loop level at which each input of a scheme is known."""
 WIDTH: Final = 16
 """Sets side by side: a sub-step is a chain of operations that wait for one another, and so many
 chains keep the arithmetic units busy meanwhile."""
@@ -47,17 +53,17 @@ def source(system: System) -> str:
     Raises:
         NotImplementedError: an operation that has no C text.
     """
-    plan = outline(system)
+    plan = scheme(system)
     names = [plan.step.name_in(i) for i in range(plan.step.n_in())]
     levels = [LEVELS[n] for n in names]
-    step = emit(plan.step, names, levels, "a", 4, tables=False)
-    reading = emit(plan.reading, names, levels, "b", 4, tables=False)
-    start = emit(plan.start, START_INPUTS, [0] * len(START_INPUTS), "s", 1, tables=False)
+    step = emit(plan.step, names, levels, "a", 4)
+    reading = emit(plan.reading, names, levels, "b", 4)
+    start = emit(plan.start, START_INPUTS, [0] * len(START_INPUTS), "s", 1)
     writer = _Writer(len(system.parameter_names), len(system.state_names))
     channels = range(len(system.channel_names))
     deeper = [_said(step, reading, level) for level in range(4)]
 
-    out: list[str] = ["#include <math.h>\n\n", POWERS, FLUSH, _HEAD]
+    out: list[str] = [declarations(), _HEAD]
     line = out.append
     line(f"void {RUN}({', '.join(_ARGUMENTS)})\n{{\nPO_FLUSH\n")
     line(f"for (long k0 = first; k0 < first + sets; k0 += {WIDTH}) {{\n")
@@ -85,7 +91,7 @@ def source(system: System) -> str:
     line(writer.lanes(within, deeper[2]))
     line("for (int i = 0; i < m; ++i) {\n")
     after = [f"x_{i}_[l] = {text};" for i, text in enumerate(step.outputs[0])]
-    line(writer.lanes([*step.innermost[0], *after], set()))
+    line(writer.lanes([*step.levels[3], *after], set()))
     line("t_0 += h_0; u_0 += du_0 * h_0;\n")
     line("".join(f"c_{i} += dc_{i} * h_0;\n" for i in channels))
     line("}\nconst long k = OBS[j];\nif (k >= 0) {\n")

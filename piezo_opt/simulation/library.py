@@ -28,14 +28,23 @@ from piezo_opt.keeping import digest
 from piezo_opt.simulation.compiler import find_compiler, load
 from piezo_opt.simulation.compose import PRODUCT, QUOTIENT, SUMS, WEIGHTS
 from piezo_opt.simulation.exponential import weights
-from piezo_opt.simulation.forms import Form, Part, Term, Written, changeable, common, written
+from piezo_opt.simulation.forms import (
+    Form,
+    Part,
+    Term,
+    Written,
+    changeable,
+    common,
+    with_slopes,
+    written,
+)
 from piezo_opt.simulation.functions import c_functions
 from piezo_opt.simulation.powers import POWERS
 from piezo_opt.symbolic import one_at_a_time
 
 WRITERS: Final = (
     "core.h", "core.c", "machine.h", "exponential.py", "forms.py", "functions.py",
-    "instructions.py", "emit.py", "powers.py", "library.py",
+    "instructions.py", "emit.py", "powers.py", "library.py", "undivided.py",
 )  # fmt: skip
 """Files of this folder that a library follows from."""
 _TEXT: Final = 60_000
@@ -88,12 +97,17 @@ class Library:
 
     def address(self, symbol: str) -> tuple[Address, Address]:
         """Where a function is."""
-        three = ctypes.c_void_p * 3
-        plain, moved = (three.in_dll(self.loaded, f"{symbol}_{end}_f") for end in "pm")
-        return (
-            (plain[0] or 0, plain[1] or 0, plain[2] or 0),
-            (moved[0] or 0, moved[1] or 0, moved[2] or 0),
-        )
+        return addresses(self.loaded, symbol)
+
+
+def addresses(loaded: ctypes.CDLL, symbol: str) -> tuple[Address, Address]:
+    """Where the two functions of a symbol are, without and with derivatives."""
+    three = ctypes.c_void_p * 3
+    plain, moved = (three.in_dll(loaded, f"{symbol}_{end}_f") for end in "pm")
+    return (
+        (plain[0] or 0, plain[1] or 0, plain[2] or 0),
+        (moved[0] or 0, moved[1] or 0, moved[2] or 0),
+    )
 
 
 def catalogue() -> Library | None:
@@ -104,7 +118,7 @@ def catalogue() -> Library | None:
 
 @cache
 def _catalogue_of(_compiler: str) -> Library | None:
-    loaded = load(_origin(), _write_catalogue, _Progress().say)
+    loaded = load(origin(), _write_catalogue, _Progress().say)
     return None if loaded is None else Library(loaded)
 
 
@@ -191,14 +205,23 @@ def _texts(
             parts[kind] = replace(form.parts[kind], symbol=symbol, kept=kept)
         told[key] = _told(replace(form, parts=parts))
     pieces += [c_functions(symbol, function, False)[0] for symbol, function in shared.items()]
-    head = _effort(0) + _file("core.h") + POWERS
     units = {f"unit_{i}.c": '#include "head.h"\n' + text for i, text in enumerate(_packed(pieces))}
     known = json.dumps(json.dumps(told, separators=(",", ":")))
     units["forms.c"] = f"const char po_forms[] = {known};\n"
     if shared:
         units["core.c"] = _effort(1) + _file("core.c")
         units["machine.h"] = _file("machine.h")
-    return {"core.h": _file("core.h"), "head.h": head, **dict(sorted(units.items()))}
+    return {**head(), **dict(sorted(units.items()))}
+
+
+def head() -> dict[str, str]:
+    """What the texts of functions include, by file name."""
+    return {"core.h": _file("core.h"), "head.h": _effort(0) + declarations()}
+
+
+def declarations() -> str:
+    """C text of what the functions are written with."""
+    return _file("core.h") + POWERS
 
 
 def _packed(pieces: Iterable[str]) -> Iterator[str]:
@@ -222,16 +245,7 @@ def _shared() -> dict[str, Written]:
         by = weights(matrix, h)
         parts = (by.half, by.half_input, by.whole, by.first, by.middle, by.last)
         column = ca.vertcat(*(ca.reshape(part.T, -1, 1) for part in map(ca.densify, parts)))
-        z = ca.vertcat(entries, h)
-        slopes = ca.jacobian(column, z)
-        rows, columns = slopes.sparsity().get_triplet()
-        derivatives = ca.vertcat(*(slopes.nz[i] for i in range(slopes.nnz())))
-        none = ca.SX(0, 1)
-        found[symbol] = Written(
-            ca.Function("po_plain", [none, z], [ca.cse(column)]),
-            ca.Function("po_moved", [none, z], ca.cse([column, derivatives])),
-            tuple(zip(rows, columns, strict=True)),
-        )
+        found[symbol] = with_slopes(column, ca.SX(0, 1), ca.vertcat(entries, h))
     return found
 
 
@@ -283,7 +297,7 @@ def _effort(which: int) -> str:
 
 
 @cache
-def _origin() -> str:
+def origin() -> str:
     """All that the library of the catalogue follows from."""
     texts = "".join(_file(name) for name in WRITERS)
     return f"{metadata.version('casadi')} {ORIGIN} {digest(texts.encode())}"

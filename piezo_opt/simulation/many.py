@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from importlib import metadata, resources
+from importlib import resources
 from itertools import pairwise
 from typing import Final, final
 
@@ -21,8 +21,8 @@ from piezo_opt.errors import InputError, ModelError
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation.accuracy import Substeps
 from piezo_opt.simulation.compiler import load
-from piezo_opt.simulation.lanes import WIDTH, source
-from piezo_opt.simulation.program import RUN
+from piezo_opt.simulation.lanes import RUN, WIDTH, source
+from piezo_opt.simulation.library import origin
 from piezo_opt.simulation.schedule import Segment
 from piezo_opt.simulation.scheme import INITIAL
 from piezo_opt.simulation.simulate import TOLERANCE, Initial, Simulator
@@ -31,8 +31,8 @@ from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
 
-_WRITERS: Final = ("scheme", "exponential", "instructions", "quick", "emit", "powers", "program",
-                   "lanes")  # fmt: skip
+_WRITERS: Final = ("scheme.py", "lanes.py")
+"""What a program in lanes follows from, beside what the library of effects follows from."""
 _EXTREMES: Final = 12
 """Sets at which the sub-steps are chosen."""
 _PIECES: Final = 4
@@ -214,8 +214,7 @@ def _source(system: System) -> str:
 @cache
 def _writers() -> str:
     here = resources.files(__package__)
-    lines = (here.joinpath(f"{name}.py").read_text() for name in _WRITERS)
-    return "\n".join((metadata.version("casadi"), *lines))
+    return "\n".join((origin(), *(here.joinpath(name).read_text() for name in _WRITERS)))
 
 
 @final

@@ -64,51 +64,6 @@ class Scheme:
     columns: NDArray[np.intp]
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class Outline:
-    """A scheme whose sensitivities are left to whoever carries them along with it.
-
-    Attributes:
-        start: ``(p, t, u, c, deviation) -> (x, S)`` as in :class:`Scheme`.
-        step: ``inputs -> (x, x)`` after the sub-step, and the same where drive and channels stand
-            still, which takes less than any sub-step.
-        reading: ``inputs -> (y, nothing)``.
-        directions: names of the sensitivity columns.
-        pattern: (n, k) which sensitivities of the states can ever be non-zero.
-        clocks: directions that move the clock of the whole chain.
-        exact: whether linear blocks are moved by their exponential.
-    """
-
-    system: System
-    start: ca.Function
-    step: ca.Function
-    reading: ca.Function
-    directions: tuple[str, ...]
-    pattern: NDArray[np.bool_]
-    clocks: tuple[int, ...]
-    exact: bool
-
-
-@one_at_a_time
-def outline(system: System, directions: Sequence[str] = (), exact: bool = False) -> Outline:
-    """Runge-Kutta sub-step of a system, and what the named directions move.
-
-    Raises:
-        ModelError: as :func:`scheme`.
-    """
-    directions = tuple(directions)
-    plain = scheme(system, (), exact)
-    _known(system, directions)
-    pattern = _pattern(system, directions)
-    start = _start(system, directions, *np.nonzero(pattern)) if directions else plain.start
-    clocks = tuple(_delay_directions(system, directions))
-    return Outline(
-        system, start, _both(system, exact, plain.step.sx_in()), plain.reading, directions, pattern,
-        clocks, exact,
-    )  # fmt: skip
-
-
 @one_at_a_time
 def scheme(system: System, directions: Sequence[str] = (), exact: bool = False) -> Scheme:
     """Runge-Kutta sub-step of a system with sensitivities in the named directions.
@@ -169,18 +124,6 @@ def scheme(system: System, directions: Sequence[str] = (), exact: bool = False) 
         ca.Function("po_read", inputs, [y, slope], list(INPUTS), ["y", "J"]),
         directions, rows, columns,
     )  # fmt: skip
-
-
-def _both(system: System, exact: bool, given: Sequence[ca.SX]) -> ca.Function:
-    """The sub-step of a scheme of these inputs, and what is left of it without any slope.
-
-    A loop's state moves with the drive alone.
-    """
-    p, h, du, dc, _, t, x, _, u, c, *_ = given
-    none = [ca.SX.zeros(slope.shape) for slope in (du, dc)]
-    after = _sub_step(system, exact, p, h, t, x, (u, du), (c, dc))
-    still = _sub_step(system, exact, p, h, t, x, (u, none[0]), (c, none[1]))
-    return ca.Function("po_both", given, ca.cse([after, still]), list(INPUTS), ["xn", "xs"])
 
 
 def _sub_step(

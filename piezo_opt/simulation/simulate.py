@@ -31,10 +31,6 @@ IntArray = NDArray[np.int32]
 _NEWTON: Final = 40
 """Iterations to a periodic state; it takes three or four."""
 
-LONG: Final = 300_000
-"""Stretches of straight drive in a record from which a program of its own is compiled for a model:
-in a fit's thirty runs with derivatives it saves the second or two that the compiler takes."""
-
 TOLERANCE = 5e-5
 """Default error of the scheme as a share of the reading's range; below any noise."""
 
@@ -89,8 +85,6 @@ class Simulator:
         prefer_compiled: False takes CasADi's virtual machine even where a compiler exists.
         substeps: given sub-steps instead of chosen ones.
         most: sub-steps in the whole record at which their choice ends.
-        whole: whether a program is compiled for this one model; unless given, where the record is
-            long.
         exact: whether chosen sub-steps may move linear blocks by their exponential; they do where
             there are any and the record is evenly sampled. Given sub-steps say it themselves.
     """
@@ -109,7 +103,6 @@ class Simulator:
         substeps: Substeps | None = None,
         most: int | None = None,
         exact: bool = False,
-        whole: bool | None = None,
     ) -> None:
         moved = [k for k, v in folded(model).items() if values.get(k, v) != v]
         self.system: System = named(model, folded(model, [*runtime, *moved, *directions]))
@@ -132,7 +125,6 @@ class Simulator:
         self._constants = tuple(self.system.constants.items())
         self._drive: Drive = corners(record, self.system.channel_names)
         self._at = record.time - record.time[0]
-        self._whole = self._drive.time.size >= LONG if whole is None else whole
         self._prefer_compiled = prefer_compiled
         self._delay = delay_of(self.system, prefer_compiled)
         self.exact = exact and self._worth_it() if substeps is None else substeps.exact
@@ -167,7 +159,7 @@ class Simulator:
         return self._engine(self._initials)
 
     def _engine(self, directions: tuple[str, ...]) -> Engine:
-        return engine(self.system, directions, self._prefer_compiled, self.exact, self._whole)
+        return engine(self.system, directions, self._prefer_compiled, self.exact)
 
     @lazy
     def _once(self) -> Segment:

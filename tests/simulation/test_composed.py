@@ -231,11 +231,14 @@ def test_the_linear_blocks_are_those_of_the_whole_expressions(effect: Effect) ->
         )  # fmt: skip
 
 
-def test_a_spring_without_mass_has_a_program_of_its_own() -> None:
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_spring_without_mass_is_one_function(exact: bool) -> None:
     """Its velocity follows from the derivative of the whole balance."""
-    system = named(GAIN + BoucWen() + Friction() + Spring())
-    assert program(system, exact=True) is None
-    assert engine(system, ()).compiled
+    model = GAIN + BoucWen() + Friction() + Spring() + SensorLag() + Delay()
+    made = program(named(model, folded(model)), exact)
+    assert made is not None
+    assert len(made.composition.lists["stage"]) == 1
+    compared(model, drawn(model, np.random.default_rng(9)), exact=exact)
 
 
 def test_many_directions_go_in_several_rows() -> None:

@@ -42,7 +42,7 @@ def _points(op: int) -> list[tuple[float, float]]:
 def test_every_operation_equals_casadis() -> None:
     lines = ["#include <math.h>"]
     functions: dict[int, ca.Function] = {}
-    for op in (*BINARY, *UNARY):
+    for op in sorted(op for op in (*BINARY, *UNARY) if op >= 0):
         x, y = ca.SX.sym("x"), ca.SX.sym("y")
         # The power with a constant exponent arises where the exponent is a number.
         given = ca.SX(2.7) if op == ca.OP_CONSTPOW else y
@@ -99,25 +99,12 @@ def test_what_does_not_change_leaves_the_loop() -> None:
     outer, inner = block.levels
     assert sum("exp(" in line or "sin(" in line for line in outer) == 2
     assert len(inner) == 2
-    assert block.chain == 2
-
-
-def test_each_output_is_told_what_it_needs_of_the_innermost_loop() -> None:
-    p, x = ca.SX.sym("p"), ca.SX.sym("x")
-    shared = ca.sin(x)
-    function = ca.Function("f", [p, x], [shared * ca.exp(p), shared + ca.cos(x)])
-    block = emit(function, ["p", "x"], [0, 1], "a", 2)
-    first, second = ("\n".join(lines) for lines in block.innermost)
-    assert {*block.levels[1]} == {*block.innermost[0], *block.innermost[1]}
-    assert ("sin(" in first, "cos(" in first) == (True, False)
-    assert ("sin(" in second, "cos(" in second) == (True, True)
 
 
 def test_a_balance_is_written_as_fused_operations_without_changing_it() -> None:
     a, b, c, d, e = (ca.SX.sym(n) for n in "abcde")
     function = ca.Function("f", [a, b, c, d, e], [a - (b * c + d * e)])
     block = emit(function, list("abcde"), [0] * 5, "v", 1)
-    assert block.chain == 3  # product, difference, difference; the sum is gone
     assert not any("+" in line for line in block.levels[0])
     both = b * c + d * e  # needed elsewhere, so it stays
     kept = ca.Function("f", [a, b, c, d, e], [a - both, both])

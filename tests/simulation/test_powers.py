@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from piezo_opt.simulation.compiler import find_compiler, load
-from piezo_opt.simulation.emit import emit
+from piezo_opt.simulation.forms import with_slopes
+from piezo_opt.simulation.functions import c_functions
+from piezo_opt.simulation.library import declarations
 from piezo_opt.simulation.powers import POWERS
-from piezo_opt.simulation.tangents import TYPES, Carried, Lanes, Tangents
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="compiles C: no compiler")
 
@@ -75,59 +76,61 @@ def test_what_is_not_finite_is_not_lost() -> None:
     assert (computed("exp", np.array([-np.inf, -1e4])) < 1e-300).all()
 
 
-def said(expression: ca.SX, given: list[ca.SX], levels: list[int]) -> list[list[str]]:
-    function = ca.Function("f", given, [expression])
-    names = [f"v{i}" for i in range(len(given))]
-    return [list(lines) for lines in emit(function, names, levels, "a", 2).levels]
+def said(expression: ca.SX, before: list[ca.SX], after: list[ca.SX]) -> list[str]:
+    """What is computed once a run, and at every call."""
+    none = ca.SX(0, 1)
+    written = with_slopes(expression, ca.vertcat(*before, none), ca.vertcat(*after, none))
+    text = c_functions("f", written)[0].partition("static void f_m_k")[0]
+    return text.partition("static const po_word")[0].split("static void f_p(")
 
 
 def test_only_an_exponent_that_a_run_does_not_change_has_tables() -> None:
     x, n = ca.SX.sym("x"), ca.SX.sym("n")
     power = ca.exp(n * ca.log(x))
-    outer, inner = said(power + ca.exp((n + 1.0) * ca.log(x)), [x, n], [1, 0])
-    assert sum("po_powers_of" in line for line in outer) == 2  # one for each exponent
-    assert sum("po_power(" in line for line in inner) == 2
-    assert not any(" log(" in line for line in inner)
-    outer, inner = said(power * x + power, [x, n], [1, 0])
-    assert sum("po_powers_of" in line for line in outer) == 1
-    outer, inner = said(power, [x, n], [1, 1])
-    assert not any("po_power" in line for line in (*outer, *inner))
+    outer, inner = said(power + ca.exp((n + 1.0) * ca.log(x)), [n], [x])
+    assert outer.count("po_powers_of") == 2  # one for each exponent
+    assert inner.count("po_power(") == 2
+    assert " log(" not in inner
+    outer, inner = said(power * x + power, [n], [x])
+    assert outer.count("po_powers_of") == 1
+    outer, inner = said(power, [], [x, n])
+    assert "po_power" not in outer + inner
     # A logarithm that is wanted for itself keeps all its digits.
     logarithm = ca.log(x)
-    _, inner = said(ca.exp(n * logarithm) + logarithm, [x, n], [1, 0])
-    assert any(" log(" in line for line in inner)
-    assert not any("po_log" in line for line in inner)
+    _, inner = said(ca.exp(n * logarithm) + logarithm, [n], [x])
+    assert " log(" in inner
+    assert "po_log" not in inner
 
 
 def test_a_division_by_what_is_known_before_the_loop_is_a_product_in_it() -> None:
     x, y, p = (ca.SX.sym(name) for name in "xyp")
-    outer, inner = said(ca.vertcat(x / p, (x + 1.0) / p, x / 3.0), [x, p], [1, 0])
-    assert sum("1.0 / v1_0" in line for line in outer) == 1
-    assert not any("/" in line for line in inner)
-    _, inner = said(x / y, [x, y], [1, 1])
-    assert any("/" in line for line in inner)
+    outer, inner = said(ca.vertcat(x / p, (x + 1.0) / p, x / 3.0), [p], [x])
+    assert outer.count("1.0 / ") == 2  # of p, and of 3
+    assert "/" not in inner
+    _, inner = said(x / y, [], [x, y])
+    assert "/" in inner
 
 
 @needs_compiler
 @pytest.mark.parametrize("kind", ["power", "softplus"])
-def test_tangents_go_through_what_comes_from_tables(kind: str) -> None:
+def test_derivatives_go_through_what_comes_from_tables(kind: str) -> None:
     """A power by its base and its exponent; the logarithm of one and an exponential."""
     x, n = ca.SX.sym("x"), ca.SX.sym("n")
     forms = {
         "power": ca.exp(n * ca.log(x / 3.0 + 1e-300)),
         "softplus": n * ca.log1p(ca.exp(-x / 3.0)),
     }
-    function = ca.Function("f", [x, n], [forms[kind]])
-    lanes = Lanes.of([(False,), (False,)])
-    along = [Carried(lanes.literal(0, pair), 0) for pair in (["1.0", "0.0"], ["0.0", "1.0"])]
-    tangents = Tangents(lanes, {(0, 0): (along[0],), (1, 0): (along[1],)}, "v")
-    block = emit(function, ["x", "n"], [1, 0], "a", 2, tangents)
-    text = "\n".join(line for level in block.levels for line in level)
-    assert "po_" in text
+    text, _ = c_functions("f", with_slopes(forms[kind], n, x))
+    assert "po_p" in text or "po_log" in text
+    # Numbers n, x and the result, each with its row behind it.
     library = load(
-        f"#include <math.h>\n{TYPES}{POWERS}void po_run(double x_0, double n_0, double *Y) {{\n"
-        f"{text}\nY[0] = {block.outputs[0][0]}; Y[1] = {block.tangents[0][0][0]}[0];\n"
-        f"Y[2] = {block.tangents[0][0][0]}[1]; }}"
+        f"{declarations()}{text}void po_run(double x, double n, double *Y) {{\n"
+        "  static char B[3 * 128] __attribute__((aligned(64))); static double K[400];\n"
+        "  static const int A[] = {0, 128, 256};\n"
+        "  PO_NUMBER(0) = n, PO_NUMBER(128) = x;\n"
+        "  PO_ROWS(0)[0] = (po_row){0.0, 1.0}, PO_ROWS(128)[0] = (po_row){1.0};\n"
+        "  f_m_f.prepare(A, B, K); f_m_f.evaluate(A, B, K, 1);\n"
+        "  Y[0] = PO_NUMBER(256), Y[1] = PO_ROWS(256)[0][0], Y[2] = PO_ROWS(256)[0][1]; }\n"
     )
     assert library is not None
     library.po_run.restype = None

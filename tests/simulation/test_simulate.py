@@ -41,7 +41,6 @@ from piezo_opt.measurement import Between, Measurement
 from piezo_opt.simulation import Initial, Simulator, Substeps, simulate
 from piezo_opt.simulation.compiler import find_compiler
 from piezo_opt.simulation.engine import Ceiling, engine
-from piezo_opt.simulation.scheme import INPUTS, outline
 from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
@@ -130,20 +129,6 @@ def test_what_is_left_out_while_the_drive_stands_still_changes_nothing(
     np.testing.assert_allclose(one[0], other[0], rtol=0, atol=1e-12 * np.ptp(other[0]))
     sizes = np.abs(other[1]).max(axis=0)
     assert (np.abs(one[1] - other[1]).max(axis=0) <= 3e-11 * sizes).all()
-
-
-def test_a_loop_is_not_moved_while_the_drive_stands_still() -> None:
-    system = assemble(BASE, {})
-    both = outline(system, (), exact=True).step
-    given = dict(zip(INPUTS, both.sx_in(), strict=True))
-    moving, still = both(*given.values())
-    loop = system.state_names.index("bouc_wen.h")
-    assert ca.is_equal(still[loop], given["x"][loop])
-    assert ca.depends_on(moving, given["du"])
-    assert not ca.depends_on(still, given["du"])
-    # The mechanics take what moves them once, not at four stages.
-    of_loop = ca.n_nodes(moving[loop])
-    assert ca.n_nodes(still) < ca.n_nodes(moving) - of_loop
 
 
 def test_the_virtual_machine_goes_over_the_ends_of_its_chunks() -> None:
