@@ -10,6 +10,7 @@ import typer
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.bench_faults import faults
 from piezo_opt.cli.bench_optimisers import optimisers
 from piezo_opt.cli.bench_speed import speed
 from piezo_opt.cli.solving import pool
@@ -32,6 +33,7 @@ class Size(Enum):
     HARD = "hard"
 
 
+bench.command()(faults)
 bench.command()(optimisers)
 bench.command()(speed)
 

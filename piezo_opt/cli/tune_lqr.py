@@ -13,7 +13,7 @@ from piezo_opt.cli.tuning import Actuator, Loop, Reference, Result, asked, descr
 def lqr(
     fit: Actuator, reference: Reference, loop: Loop, result: Result,
     criterion: Criterion = Goal.IAE, effort: Effort = 0.0, overshoot: Overshoot = None,
-    peak: Peak = 2.0,
+    peak: Peak = 1.6,
 ) -> None:  # fmt: skip
     """Feedback of estimated states, with a filter that takes the offset; weights are found.
 

@@ -46,6 +46,14 @@ class Limits:
                 "upper one, and the slew rate is positive"
             )
 
+    def around(self, drive: float, period: float) -> tuple[float, float]:
+        """Lowest and highest drive [V] a period after another one.
+
+        The range goes before the slew rate: from outside there is one way, to the nearer end.
+        """
+        low = min(max(self.low, drive - self.slew * period), self.high)
+        return low, max(min(self.high, drive + self.slew * period), low)
+
     def told(self) -> str:
         """The range, and the slew rate where there is one."""
         slew = "" if self.slew == float("inf") else f" at {show(self.slew, 'V/s')} at most"
@@ -202,8 +210,7 @@ def close_loop(
         seen = position[k] + errors[k]
         reading[k] = resolution * np.round(seen / resolution) if resolution > 0.0 else seen
         before = waiting[-1] if waiting else acting
-        low = max(held.low, before - held.slew * period)
-        high = min(held.high, before + held.slew * period)
+        low, high = held.around(before, period)
         asked, state = controller.act(state, float(wanted[k]), float(reading[k]), period, low, high)
         if not np.isfinite(asked) or not np.isfinite(position[k]):
             raise InputError(

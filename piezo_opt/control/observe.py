@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import final
+from math import isfinite
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,10 @@ from piezo_opt.errors import InputError
 from piezo_opt.identification import Fit
 
 FloatArray = NDArray[np.float64]
+
+PATIENCE: Final = 10
+"""Readings in a row that may be further off than the gate: a broken sensor shouts for less, or says
+the same again and again, and then nothing helps."""
 
 
 @final
@@ -28,6 +33,7 @@ class Estimate:
         covariance: (n + 1, n + 1).
         before, drive: drives held in the period that ended and in the one before it [V].
         used: whether the last reading was one.
+        off: how many readings in a row were numbers and further off than the gate.
     """
 
     time: float
@@ -36,6 +42,7 @@ class Estimate:
     before: float
     drive: float
     used: bool = True
+    off: int = 0
 
 
 @final
@@ -46,7 +53,9 @@ class Observer:
 
     The drive is uncertain by ``drive_noise``, the disturbance walks by ``drift`` a period, the
     reading has white noise. A reading that is no number, or further off than ``gate``, is a sample
-    of no weight: the estimate goes on by the model alone.
+    of no weight: the estimate goes on by the model alone. Where readings stay off for
+    :data:`PATIENCE` samples it is the estimate that is wrong: the next one is taken, and the
+    disturbance may be as far off as the gate.
 
     Args:
         plant: a fit, or a model with ``values``.
@@ -100,9 +109,14 @@ class Observer:
     def after(self, estimate: Estimate, drive: float, reading: float) -> Estimate:
         """One period later: the drive [V] that was held in it, and the reading [m] at its end."""
         x, p, used = estimate.states.copy(), estimate.covariance.copy(), np.zeros(1)
-        h, time = self.horizon, estimate.time + self.horizon.period
+        h, time, noises = self.horizon, estimate.time + self.horizon.period, self._noises
+        if estimate.off >= PATIENCE:
+            p[-1, -1] += noises[3] ** 2
+            noises = np.array([*noises[:3], 1e300])
         h.library.po_filter(
             h.p.ctypes.data, time, h.period, estimate.drive, drive, h.steps.rise, h.steps.held,
-            reading, *(a.ctypes.data for a in (self._noises, x, p, used)),
+            reading, *(a.ctypes.data for a in (noises, x, p, used)),
         )  # fmt: skip
-        return Estimate(time, x, p, estimate.drive, drive, bool(used[0]))
+        taken = bool(used[0])
+        off = 0 if taken else estimate.off + isfinite(reading)
+        return Estimate(time, x, p, estimate.drive, drive, taken, off)

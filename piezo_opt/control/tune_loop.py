@@ -9,12 +9,12 @@ from typing import Any, Generic, Protocol, TypeVar, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_opt.control.closed_loop import ClosedLoop, Controller, Limits
+from piezo_opt.control.closed_loop import ClosedLoop, Controller, Limits, close_loop
 from piezo_opt.control.cost import Criterion
 from piezo_opt.control.identified import Identified, Source, identified
 from piezo_opt.control.loop_program import Asked, Family, Linear, LoopProgram
 from piezo_opt.control.margins import Margins, margins
-from piezo_opt.control.plant import without_delay
+from piezo_opt.control.plant import ModelPlant, without_delay
 from piezo_opt.control.reach import reach
 from piezo_opt.control.scenarios import scenarios as drawn
 from piezo_opt.control.simplex import simplex
@@ -30,6 +30,8 @@ CHECKS = 500
 """Further draws on which a robust design is checked: a share of 5 % is known to 1 % of all."""
 SLACK = 0.05
 """Of what the drive reaches: a reference that goes no further is followed but for its ends."""
+SHAKEN, CALMED = 60, 600
+"""Samples of a fault of the sensor, and after it, by which a loop is tried."""
 FAR_OFF = 3.0
 """Times the range that the drive reaches: an error beyond is none of the actuator's."""
 _APART = 1_000_003
@@ -78,6 +80,8 @@ class Tuned(Generic[C]):
         violating: share of as many other draws (:data:`CHECKS`) that violate a constraint: what
             is to be expected of the actuator itself, if the fit is right; nan without scenarios.
         converged: whether the search ended by itself.
+        calm: whether the loop comes to rest after a step, and after a fault of the sensor that has
+            driven it into its limits; linear margins do not tell.
         trace: simulations until then and cost over that of the start, of every point accepted.
     """
 
@@ -97,6 +101,7 @@ class Tuned(Generic[C]):
     seed: int
     violating: float
     converged: bool
+    calm: bool
     trace: tuple[tuple[int, float], ...]
 
     def __str__(self) -> str:
@@ -126,6 +131,11 @@ class Tuned(Generic[C]):
             lines.append(
                 f"Not every constraint can be met: one is violated by {100 * self.violation:.1f} %."
             )
+        if not self.calm:
+            lines.append(
+                "A step or a fault of the sensor leaves it swinging between the limits of its "
+                "drive: ask for a lower sensitivity peak, or give the drive's moves a weight."
+            )
         if not self.converged:
             lines.append("The search ended before it had converged: this is the best so far.")
         return "\n".join(lines)
@@ -152,6 +162,7 @@ class Tuned(Generic[C]):
             "seed": self.seed,
             "violating": self.violating,
             "converged": self.converged,
+            "calm": self.calm,
         }
 
 
@@ -299,6 +310,7 @@ def tune(
         raise InputError(
             "The tuned loop is unstable for small motions: sample faster, or bound the peak."
         )
+    calm = _calm(controller, what)
     violating = float("nan")
     if what.scenarios:
         if progress is not None:
@@ -310,8 +322,32 @@ def tune(
         controller, asked.period, asked.delay, asked.limits, asked.criterion,
         program.in_units(found.x), program.in_units(begins[0]), program.loops(controller), linear,
         asked.peak, found.valued.violation, spent, what.scenarios, asked.seed, violating,
-        found.converged, tuple((k * each, float(np.exp(c - base))) for k, c in found.trace),
+        found.converged, calm, tuple((k * each, float(np.exp(c - base))) for k, c in found.trace),
     )  # fmt: skip
+
+
+def _calm(controller: Any, what: Task) -> bool:
+    """Whether a loop comes to rest at a constant reference, from rest and after a fault.
+
+    The sensor is off by half of what the drive reaches, the other way every second sample. A cycle
+    between limits of the drive, which no linear margin tells, moves more than 1 % of that.
+    """
+    asked, plant = what.asked, what.plant
+    width = what.largest / FAR_OFF
+    goal = np.full(SHAKEN + CALMED, float(np.mean(asked.references[0])))
+    sign = 1.0 - 2.0 * ((np.arange(SHAKEN) // 2) % 2)
+    shaking = np.concatenate([0.5 * width * sign, np.zeros(CALMED)])
+    for off in (np.zeros(goal.size), shaking):
+        loop = close_loop(
+            ModelPlant(plant.model, plant.numbers), controller, goal, period=asked.period,
+            limits=asked.limits, delay=asked.delay, noise=asked.noise, disturbance=off,
+            seed=asked.seed,
+        )  # fmt: skip
+        steady = loop.position[-CALMED // 4 :]
+        moving = steady - np.linspace(steady[0], steady[-1], steady.size)
+        if float(np.std(moving)) > 0.01 * width + 3.0 * asked.noise:
+            return False
+    return True
 
 
 def _own(draw: Mapping[str, float], numbers: Mapping[str, float]) -> dict[str, float]:

@@ -26,7 +26,7 @@ def tune_lqr(
     effort: float = 0.0,
     overshoot: float | None = None,
     drive: float | None = None,
-    peak: float | None = 2.0,
+    peak: float | None = 1.6,
     scenarios: int = 0,
     seed: int = 0,
     noise: float = 0.0,

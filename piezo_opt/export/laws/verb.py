@@ -326,8 +326,7 @@ def _trial(law: Law, period: float, limits: Limits) -> tuple[list[tuple[float, .
         if 700 <= k < 740:
             reading = rest
         row = float(reference[k]), reading
-        least = max(limits.low, drive - limits.slew * period)
-        most = min(limits.high, drive + limits.slew * period)
+        least, most = limits.around(drive, period)
         asked, state = law.act(state, *row, period, least, most)
         drive = min(max(asked, least), most)
         place += 0.3 * (gain * drive - place)

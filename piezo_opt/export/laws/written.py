@@ -93,11 +93,10 @@ static {real} {n}_within({real} a, {real} low, {real} high)
 """
 
 LIMITS: Final = """\
-    const {real} least = c->drive - c->move, most = c->drive + c->move;
-    const {real} low = least > c->low ? least : c->low;
-    const {real} high = most < c->high ? most : c->high;
+    const {real} low = {n}_within(c->drive - c->move, c->low, c->high);
+    const {real} high = {n}_within(c->drive + c->move, c->low, c->high);
 """
-"""As in :func:`piezo_opt.control.close_loop`."""
+"""As :meth:`piezo_opt.control.Limits.around` has them: the range goes before the slew rate."""
 
 LIMIT_MEMBERS: Final = (
     ("low", "lowest drive [V]"),
