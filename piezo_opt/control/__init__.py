@@ -8,6 +8,7 @@ from piezo_opt.control.linearise import linearise
 from piezo_opt.control.lqg import LQG
 from piezo_opt.control.margins import Margins, margins
 from piezo_opt.control.modes import Mode, modes
+from piezo_opt.control.moving_horizon import MovingHorizon
 from piezo_opt.control.mpc import MPC
 from piezo_opt.control.observe import Observer
 from piezo_opt.control.observer import kalman
@@ -38,6 +39,7 @@ __all__ = [
     "Margins",
     "Mode",
     "ModelPlant",
+    "MovingHorizon",
     "Observer",
     "Plant",
     "Shaper",
