@@ -31,6 +31,7 @@ _ROOMS: Final = {
     **{name: name for name in ("report", "linear", "bench", "study", "export", "fem")},
     "signal": "signal_best",
     "tune": "tune",
+    "workbench": "workbench",
 }
 """The file of each command, in the order of the help."""
 

@@ -1,0 +1,214 @@
+"""What a worker hands over about records, fits and suspects: plain data and arrays, no objects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piezo_opt.effects import Effect
+from piezo_opt.effects.catalogue import CATALOGUE
+from piezo_opt.measurement import Check
+from piezo_opt.units import show
+
+if TYPE_CHECKING:  # records are shown before the solvers are loaded
+    from piezo_opt.diagnosis import Diagnosis
+    from piezo_opt.identification import Fit
+
+FloatArray = NDArray[np.float64]
+
+_SURE: Final = 1e-3
+"""Chance by noise alone below which a suspect stands out."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Looked:
+    """Records: what they show, the signals of each (time, drive, position), and what counts."""
+
+    told: dict[str, Any]
+    signals: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
+    counted: tuple[NDArray[np.bool_], ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A fit: what it says, the modelled reading of each record, and its iterates' rms [m]."""
+
+    told: dict[str, Any]
+    readings: tuple[FloatArray, ...]
+    trace: tuple[float, ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """Suspects at a fit: what each would explain, and its curve over each record's residual."""
+
+    told: dict[str, Any]
+    curves: dict[str, tuple[FloatArray, ...]]
+
+
+def looked(found: Check) -> Looked:
+    """Columns, units, sampling and remarks of records, before anything is fitted."""
+    records = [
+        {
+            "name": r.name,
+            "source": r.source,
+            "samples": len(r),
+            "not counted": int(len(r) - r.counted.sum()),
+            "duration": show(r.duration, "s"),
+            "sampling": show(r.rate, "Hz") if r.uniform else f"uneven, {show(r.rate, 'Hz')}",
+            "between": r.between.value,
+            "period": "" if r.period is None else show(r.period, "s"),
+            "units": {"drive": r.drive_unit, "position": r.position_unit, **r.channel_units},
+            "ranges": {
+                name: f"{show(float(np.min(x)), unit)} to {show(float(np.max(x)), unit)}"
+                for name, x, unit in (
+                    ("drive", r.drive, r.drive_unit),
+                    ("position", r.position, r.position_unit),
+                    *((n, x, r.channel_units[n]) for n, x in r.channels.items()),
+                )
+            },
+            "remarks": list(r.remarks),
+            "span": [float(r.time[0]), float(r.time[-1])],
+        }
+        for r in found.records
+    ]
+    told = {"records": records, **{k: found.to_dict()[k] for k in ("findings", "fit_for_use")}}
+    signals = tuple((r.time, r.drive, r.position) for r in found.records)
+    return Looked(told, signals, tuple(r.counted for r in found.records))
+
+
+def fitted(fit: Fit, remarks: Sequence[str]) -> Fitted:
+    """A fit in words and numbers."""
+    from piezo_opt.comparison import compare
+
+    entry = compare(fit).entries[0]
+    bounds = {n: fit.question.bounds.get(n, p.bounds) for n, p in fit.model.parameters.items()}
+    data = fit.to_dict()
+    told = {
+        "rms": fit.rms,
+        "rms_text": show(fit.rms, "m"),
+        "fit_percent": fit.fit_percent,
+        "sentence": fit.outcome.sentence,
+        "effects": [
+            {"name": n, "about": e.summary, "place": e.place.value, "instead": _instead(e, fit)}
+            for n, e in fit.model.named
+        ],
+        "parameters": [
+            {
+                "name": name,
+                "value": one["value"],
+                "std": one["std"],
+                "unit": one["unit"],
+                "kept": not one["estimated"],
+                "at_bound": one["at_bound"],
+                "bounds": [v if np.isfinite(v) else None for v in bounds[name]],
+                "about": fit.model.parameters[name].meaning,
+            }
+            for name, one in data["parameters"].items()
+            if name in bounds
+        ],
+        "sentences": list(entry.sentences),
+        "blind": list(fit.blind),
+        "remarks": [*remarks, *(r for r in fit.remarks if r not in remarks)],
+        "json": data,
+        "toml": model_file(fit),
+    }
+    return Fitted(told, fit.readings, tuple(map(float, fit.trace.rms)))
+
+
+def _instead(one: Effect, fit: Fit) -> list[str]:
+    """Effects of the same place that the model does not have."""
+    return [
+        name
+        for name, kind in CATALOGUE.items()
+        if kind().place is one.place and name not in fit.model and name != one.name
+    ]
+
+
+def scored(found: Diagnosis) -> Scored:
+    """Suspects, likeliest first.
+
+    A suspect's curve is what one Gauss-Newton step along it explains: its direction u, of length
+    one, times u'r (which is its one-step size times the length of the direction).
+    """
+    fit = found.fit
+    weights = fit.question.weights or (1.0,) * len(fit.records)
+    counts = [int(record.counted.sum()) for record in fit.records]
+    scale = np.sqrt(np.repeat(weights, counts))
+    residual = scale * fit.residuals
+    curves = {}
+    for one in found.suspects:
+        whole = one.direction * float(one.direction @ residual) / scale
+        curves[one.name] = tuple(
+            _spread(part, record.counted)
+            for part, record in zip(
+                np.split(whole, np.cumsum(counts)[:-1]), fit.records, strict=True
+            )
+        )
+    suspects = [
+        {
+            "name": one.name,
+            "effect": {"effect": one.name, **one.effect.options},
+            "about": one.effect.summary,
+            "explains": one.score,
+            "rms_text": show(one.predicted_rms, "m"),
+            "visibility": one.visibility,
+            "overlaps": [{"name": n, "cosine": c} for n, c in one.overlaps[:4]],
+            "p_value": one.p_value,
+            "sure": one.p_value < _SURE and not one.wrong_side,
+            "wrong_side": one.wrong_side,
+        }
+        for one in found.suspects
+    ]
+    told = {
+        "suspects": suspects,
+        "unscored": [{"name": one.name, "why": one.why} for one in found.unscored],
+        "noise": found.noise.sentence,
+    }
+    return Scored(told, curves)
+
+
+def model_file(fit: Fit) -> str:
+    """A fit's model, its values and what was said of them, as a TOML file."""
+    asked = fit.question
+    effects = []
+    for _, one in fit.model:
+        options = "".join(f", {k} = {_toml(v)}" for k, v in one.options.items())
+        effects.append(f"{{effect = {_toml(one.name)}{options}}}")
+    lines = ["effects = [", *(f"    {one}," for one in effects), "]"]
+    for key in ("free", "per_record"):
+        if names := getattr(asked, key):
+            lines.append(f"{key} = [{', '.join(map(_toml, names))}]")
+    known = {n: v for n, v in fit.values.items() if n in fit.model.parameters}
+    for key, table in (
+        ("values", {n: v for n, v in known.items() if n not in asked.fixed}),
+        ("fixed", asked.fixed),
+        ("bounds", {n: list(pair) for n, pair in asked.bounds.items()}),
+    ):
+        if table:
+            lines += ["", f"[{key}]", *(f"{_toml(n)} = {_toml(v)}" for n, v in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return repr(value)
+
+
+def _spread(part: FloatArray, counted: NDArray[np.bool_]) -> FloatArray:
+    """Counted samples in their places; NaN between them."""
+    whole = np.full(counted.size, np.nan)
+    whole[counted] = part
+    return whole

@@ -1,0 +1,279 @@
+"""The server: its addresses, thin over the bench."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import json
+import math
+import re
+import tempfile
+import zipfile
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import asynccontextmanager
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from starlette.applications import Starlette
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp
+
+from piezo_opt.errors import InputError, PiezoOptError
+from piezo_opt.readers.files import LARGEST_FILE
+from piezo_opt.workbench.bench import Bench
+from piezo_opt.workbench.edits import edit_from_dict
+from piezo_opt.workbench.guard import Guard
+from piezo_opt.workbench.load import Load, Source
+from piezo_opt.workbench.traces import MOST_POINTS, envelope, outline, window
+from piezo_opt.workbench.worker import Kind
+
+_ASSETS: Final = {
+    "": ("index.html", "text/html"),
+    "workbench.js": ("workbench.js", "text/javascript"),
+    "workbench.css": ("workbench.css", "text/css"),
+    "uplot.js": ("uplot/uPlot.iife.min.js", "text/javascript"),
+    "uplot.css": ("uplot/uPlot.min.css", "text/css"),
+}
+_LONGEST: Final = 1 << 20
+"""[bytes] of what a click may send."""
+
+
+def application(bench: Bench, token: str, port: int) -> ASGIApp:
+    """The guarded server of one bench."""
+
+    @asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        bench.open()
+        try:
+            yield
+        finally:
+            bench.close()
+
+    async def asset(request: Request) -> Response:
+        known = _ASSETS.get(request.path_params.get("name", ""))
+        if known is None:
+            return JSONResponse({"sentence": "There is no such file."}, 404)
+        data = files("piezo_opt.workbench").joinpath("assets", *known[0].split("/")).read_bytes()
+        return Response(data, media_type=known[1])
+
+    async def events(_: Request) -> Response:
+        async def stream() -> AsyncIterator[str]:
+            async for name, data in bench.events():
+                yield f"event: {name}\ndata: {_json(data)}\n\n"
+
+        return StreamingResponse(stream(), media_type="text/event-stream")
+
+    async def state(_: Request) -> Response:
+        return Response(_json(bench.state()), media_type="application/json")
+
+    async def do(request: Request) -> Response:
+        said = json.loads(await _body(request, _LONGEST) or b"null")
+        if not isinstance(said, Mapping):
+            raise InputError("A click sends what is to be done, as an object.")
+        if "version" in said and said["version"] != bench.version and said.get("do") != "cancel":
+            sentence = "The session has changed meanwhile: look, and click again."
+            return JSONResponse({"sentence": sentence}, 409)
+        _do(bench, said)
+        return JSONResponse({"version": bench.version})
+
+    async def upload(request: Request) -> Response:
+        name = re.sub(r"[^\w.+-]+", "_", request.query_params.get("name", "")).lstrip("._")[-100:]
+        folder = bench.file.with_suffix(".files")
+        target = await _received(request, folder, name or "record.csv")
+        bench.load(Load((Source(str(target)),)))
+        return JSONResponse({"version": bench.version})
+
+    async def view(request: Request) -> Response:
+        return Response(_view(bench, request.query_params), media_type="application/json")
+
+    async def download(request: Request) -> Response:
+        return await _download(bench, request.path_params["what"])
+
+    return Guard(
+        Starlette(
+            routes=[
+                Route("/", asset),
+                Route("/assets/{name}", asset),
+                Route("/events", events),
+                Route("/state", state),
+                Route("/view", _told(view)),
+                Route("/do", _told(do), methods=["POST"]),
+                Route("/upload", _told(upload), methods=["POST"]),
+                Route("/download/{what}", _told(download)),
+            ],
+            lifespan=lifespan,
+        ),
+        token,
+        port,
+    )
+
+
+def _told(
+    answer: Callable[[Request], Awaitable[Response]],
+) -> Callable[[Request], Awaitable[Response]]:
+    """What a user did wrong is one sentence."""
+
+    async def told(request: Request) -> Response:
+        try:
+            return await answer(request)
+        except PiezoOptError as error:
+            return JSONResponse({"sentence": " ".join(str(error).split())}, 400)
+        except (ValueError, RecursionError) as error:
+            return JSONResponse({"sentence": f"What the page sent makes no sense: {error}"}, 400)
+        except ClientDisconnect:
+            return Response(status_code=400)
+
+    return told
+
+
+def _do(bench: Bench, said: Mapping[str, Any]) -> None:
+    match said.get("do"):
+        case "load":
+            bench.load(Load.from_dict(said.get("load", {})))
+        case "fit":
+            bench.fit()
+        case "undo":
+            bench.undo()
+        case "redo":
+            bench.redo()
+        case "find":
+            bench.search()
+        case "cancel":
+            bench.cancel()
+        case _:
+            bench.edit(edit_from_dict(said))
+
+
+async def _body(request: Request, most: int) -> bytes:
+    parts: list[bytes] = []
+    size = 0
+    async for part in request.stream():
+        size += len(part)
+        if size > most:
+            raise InputError(f"More than {most} bytes were sent: that is no click.")
+        parts.append(part)
+    return b"".join(parts)
+
+
+async def _received(request: Request, folder: Path, name: str) -> Path:
+    """A dropped file, kept beside the session under a name of its own."""
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        stem, suffix = Path(name).stem, Path(name).suffix
+        number, target = 1, folder / name
+        while target.exists():
+            number += 1
+            target = folder / f"{stem}-{number}{suffix}"
+        size = 0
+        with target.open("xb") as file:
+            try:
+                async for part in request.stream():
+                    size += len(part)
+                    if size > LARGEST_FILE:
+                        raise InputError(f"{name}: is larger than {LARGEST_FILE} bytes: cut it")
+                    file.write(part)
+            except BaseException:
+                target.unlink(missing_ok=True)
+                raise
+    except OSError as error:
+        raise InputError(f"{name}: cannot be kept in {folder}: {error.strerror}") from error
+    return target
+
+
+def _view(bench: Bench, asked: Mapping[str, str]) -> str:
+    """Curves of one record between two instants, thinned for a screen."""
+    if bench.looked is None:
+        raise InputError("There is no record yet.")
+    index = int(asked.get("record", "0"))
+    if not 0 <= index < len(bench.looked.signals):
+        raise InputError(f"There is no record number {index}.")
+    begin, end = (float(asked[k]) if k in asked else None for k in ("begin", "end"))
+    if any(v is not None and not math.isfinite(v) for v in (begin, end)):
+        raise InputError("A stretch of time has two ends, in seconds.")
+    time, drive, position = bench.looked.signals[index]
+    part = window(time, begin, end)
+    names, signals = ["drive", "position"], [drive[part], position[part]]
+    depth = bench.session.depth
+    fit = bench.fits.get(depth) if bench.session.fitted else None
+    if fit is not None:
+        names += ["model", "residual"]
+        left = np.where(bench.looked.counted[index], position - fit.readings[index], np.nan)
+        signals += [fit.readings[index][part], left[part]]
+    score = bench.scores.get(depth) if fit is not None else None
+    if score is not None and asked.get("suspect") in score.curves:
+        names.append("suspect")
+        signals.append(score.curves[asked["suspect"]][index][part])
+    clock, thin = envelope(time[part], signals)
+    plane = signals[1:3]
+    kept = outline([drive[part], plane[-1]], MOST_POINTS)
+    return _json(
+        {
+            "time": clock,
+            **dict(zip(names, thin, strict=True)),
+            "plane": {
+                "drive": drive[part][kept],
+                "position": plane[0][kept],
+                "model": plane[1][kept] if fit is not None else None,
+            },
+            "samples": int(part.stop - part.start),
+        }
+    )
+
+
+async def _download(bench: Bench, what: str) -> Response:
+    now = bench.fits.get(bench.session.depth) if bench.session.fitted else None
+    if what == "script.py":
+        return _file(bench.session.script, what, "text/x-python")
+    if what == "session.json":
+        return _file(json.dumps(bench.session.to_dict(), indent=1), what, "application/json")
+    if what not in ("fit.json", "model.toml", "report.html", "actuator.zip"):
+        return JSONResponse({"sentence": "There is no such file."}, 404)
+    if now is None:
+        raise InputError("There is no fit yet: fit the model first.")
+    if what == "fit.json":
+        return _file(json.dumps(now.told["json"], indent=2), what, "application/json")
+    if what == "model.toml":
+        return _file(now.told["toml"], what, "application/toml")
+    with tempfile.TemporaryDirectory() as folder:
+        if what == "report.html":
+            target = Path(folder) / what
+            await bench.made(Kind.REPORT, target)
+            return _file(target.read_bytes(), what, "text/html")
+        target = Path(folder) / "actuator"
+        await bench.made(Kind.C, target)
+        return _file(await asyncio.to_thread(_zipped, target), what, "application/zip")
+
+
+def _zipped(folder: Path) -> bytes:
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in sorted(folder.rglob("*")):
+            archive.write(file, file.relative_to(folder.parent))
+    return data.getvalue()
+
+
+def _file(data: str | bytes, name: str, kind: str) -> Response:
+    headers = {"content-disposition": f'attachment; filename="{name}"'}
+    return Response(data, media_type=kind, headers=headers)
+
+
+def _json(data: Any) -> str:
+    """JSON without NaN or infinity: what is not known is null."""
+    return json.dumps(_plain(data), allow_nan=False, separators=(",", ":"))
+
+
+def _plain(data: Any) -> Any:
+    if isinstance(data, np.ndarray):
+        numbers = data.tolist()
+        if np.isfinite(data).all():
+            return numbers
+        return [x if math.isfinite(x) else None for x in numbers]
+    if isinstance(data, Mapping):
+        return {key: _plain(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data

@@ -1,0 +1,398 @@
+"""The state of a page: the session, what is known of its steps, the worker, and who listens."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Final, final
+
+from piezo_opt.errors import InputError
+from piezo_opt.workbench.answers import Fitted, Looked, Scored
+from piezo_opt.workbench.edits import Edit
+from piezo_opt.workbench.load import Load
+from piezo_opt.workbench.session import Session
+from piezo_opt.workbench.worker import (
+    Begun,
+    Ended,
+    Found,
+    Iterate,
+    Job,
+    Kind,
+    Message,
+    Solved,
+    run,
+)
+
+Event = tuple[str, Any]
+
+_WAITING: Final = 1000
+"""Events that a page may lag behind; one that has gone to sleep is let go, and asks again."""
+_MANY: Final = 200_000
+"""Samples from which only the curves of the last suspects are kept."""
+_NAMES: Final = {
+    Kind.LOOK: "reading the records",
+    Kind.FIT: "fitting",
+    Kind.SCORE: "scoring what is absent",
+    Kind.SEARCH: "finding all that is missing",
+    Kind.REPORT: "drawing the report",
+    Kind.C: "writing and compiling C",
+}
+
+
+@final
+class Bench:
+    """One session and its worker; used in one event loop.
+
+    Args:
+        session: where it begins.
+        file: where every step is kept.
+    """
+
+    def __init__(self, session: Session, file: Path) -> None:
+        self.session = session
+        self.file = file
+        self.version = 0
+        self.looked: Looked | None = None
+        self.fits: dict[int, Fitted] = {}
+        self.scores: dict[int, Scored] = {}
+        self.sentences: tuple[str, ...] = ()
+        self.problem = ""
+        self._listeners: set[asyncio.Queue[Event | None]] = set()
+        self._job: Job | None = None
+        self._waiting: list[Job] = []
+        self._before = session
+        self._known: tuple[dict[int, Fitted], dict[int, Scored]] = ({}, {})
+        self._iterates: list[float] = []
+        self._solving = -1
+        self._results: dict[int, asyncio.Future[str]] = {}
+        self._process: Any = None
+        self._pipe: Connection | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    # What a page may do
+
+    def open(self) -> None:
+        """Read the records of the session, and go through its steps again."""
+        if self.session.load.sources:
+            self._begin(Job(Kind.LOOK, self.session))
+            if self.session.fitted:
+                self._begin(Job(Kind.FIT, replace(self.session, depth=len(self.session.edits))))
+        self._changed()
+
+    def load(self, load: Load) -> None:
+        """Other records, or other answers to their check: the steps begin anew."""
+        self._idle()
+        if self.session.fitted:
+            self._keep_aside()
+        self._set(Session(load))
+        self.looked, self.fits, self.scores, self.sentences = None, {}, {}, ()
+        if load.sources:
+            self._begin(Job(Kind.LOOK, self.session))
+
+    def fit(self) -> None:
+        """Fit the default model."""
+        self._idle()
+        if self.looked is None or not self.looked.told["fit_for_use"]:
+            raise InputError("There is no record fit for use: load one, and answer its check.")
+        if self.session.fitted:
+            raise InputError("The model is fitted already.")
+        self._set(replace(self.session, fitted=True))
+        self._begin(Job(Kind.FIT, self.session))
+
+    def edit(self, edit: Edit) -> None:
+        """One step more."""
+        self._idle()
+        self._need_fit()
+        self._step(edit)
+
+    def undo(self) -> None:
+        """One step back."""
+        self._idle()
+        self._move(self.session.undone())
+
+    def redo(self) -> None:
+        """A step that was undone."""
+        self._idle()
+        self._move(self.session.redone())
+
+    def search(self) -> None:
+        """Find all that is missing."""
+        self._idle()
+        self._need_fit()
+        self.sentences = ()
+        self._begin(Job(Kind.SEARCH, self.session))
+
+    def cancel(self) -> None:
+        """End the job that runs, with the best so far where there is one."""
+        if self._job is None:
+            raise InputError("Nothing runs that could be stopped.")
+        self._interrupt()
+
+    async def made(self, kind: Kind, target: Path) -> str:
+        """Have a worker write a file or folder; what it said.
+
+        Raises:
+            InputError: it could not be written.
+        """
+        self._idle()
+        self._need_fit()
+        job = Job(kind, self.session, str(target))
+        future = asyncio.get_running_loop().create_future()
+        self._results[id(job)] = future
+        self._begin(job)
+        try:
+            return str(await future)
+        finally:
+            self._results.pop(id(job), None)
+
+    # What a page sees
+
+    def state(self) -> dict[str, Any]:
+        """All that the page shows but the curves."""
+        depth = self.session.depth
+        now = self.fits.get(depth) if self.session.fitted else None
+        score = self.scores.get(depth) if self.session.fitted else None
+        steps = ["default model", *(edit.title for edit in self.session.edits)]
+        shown = self.session.fitted
+        return {
+            "version": self.version,
+            "file": str(self.file),
+            "busy": "" if self._job is None else _NAMES[self._job.kind],
+            "kind": "" if self._job is None else self._job.kind.value,
+            "problem": self.problem,
+            "sentences": list(self.sentences),
+            "load": self.session.load.to_dict(),
+            "records": None if self.looked is None else self.looked.told,
+            "steps": [
+                {
+                    "title": title,
+                    "rms": self.fits[n].told["rms"] if n in self.fits else None,
+                    "rms_text": self.fits[n].told["rms_text"] if n in self.fits else "",
+                    "trace": list(self.fits[n].trace) if n in self.fits else [],
+                }
+                for n, title in enumerate(steps if shown else [])
+            ],
+            "depth": depth,
+            "solving": self._solving,
+            "iterates": list(self._iterates),
+            "fit": None if now is None else {k: v for k, v in now.told.items() if k != "json"},
+            "scores": None if score is None else score.told,
+        }
+
+    async def events(self) -> AsyncIterator[Event]:
+        """The state now, and whatever happens from now on."""
+        queue: asyncio.Queue[Event | None] = asyncio.Queue(_WAITING)
+        self._listeners.add(queue)
+        try:
+            yield "state", self.state()
+            while (event := await queue.get()) is not None:
+                yield event
+        finally:
+            self._listeners.discard(queue)
+
+    def close(self) -> None:
+        """End the worker, and let go of the pages."""
+        self._loop = None
+        if self._process is not None:
+            self._process.kill()
+            self._process.join(5)
+        if self._pipe is not None:
+            self._pipe.close()
+        self._process = self._pipe = None
+        for queue in self._listeners:
+            with contextlib.suppress(asyncio.QueueFull):
+                queue.put_nowait(None)
+
+    # Jobs
+
+    def _idle(self) -> None:
+        """Refuse where something runs that must not be disturbed; scores are only helpful."""
+        if self._job is not None and self._job.kind is not Kind.SCORE:
+            raise InputError(f"Wait, or stop it first: {_NAMES[self._job.kind]}.")
+
+    def _need_fit(self) -> None:
+        if not self.session.fitted or self.session.depth not in self.fits:
+            raise InputError("There is no fit yet: fit the model first.")
+
+    def _step(self, edit: Edit) -> None:
+        before, self.problem = self.session, ""
+        self._known = (dict(self.fits), dict(self.scores))
+        self._set(before.with_(edit))
+        self._before = before
+        depth = self.session.depth
+        self.fits = {d: fit for d, fit in self.fits.items() if d < depth}
+        self.scores = {d: score for d, score in self.scores.items() if d < depth}
+        self._begin(Job(Kind.FIT, self.session))
+
+    def _move(self, session: Session) -> None:
+        self.problem = ""
+        self._set(session)
+        if session.depth not in self.fits:
+            self._begin(Job(Kind.FIT, session))
+        elif session.depth not in self.scores:
+            self._begin(Job(Kind.SCORE, session))
+
+    def _begin(self, job: Job) -> None:
+        """Do a job now, or after the one that runs; scores that run make way."""
+        self._waiting.append(job)
+        if self._job is None:
+            self._next()
+        elif self._job.kind is Kind.SCORE:
+            self._interrupt()
+
+    def _next(self) -> None:
+        self._job = self._waiting.pop(0) if self._waiting else None
+        if self._job is not None:
+            if self._pipe is None:
+                self._start()
+            assert self._pipe is not None
+            with contextlib.suppress(OSError):  # where it has died, its listener says so
+                self._pipe.send(self._job)
+        self._changed()
+
+    def _start(self) -> None:
+        """A new process, with a thread that brings what it says into the event loop."""
+        context = multiprocessing.get_context("spawn")
+        here, there = context.Pipe()
+        process = context.Process(target=run, args=(there,), daemon=True)
+        process.start()
+        there.close()
+        loop = self._loop = asyncio.get_running_loop()
+        self._process, self._pipe = process, here
+
+        def listen() -> None:
+            while True:
+                try:
+                    message: Message | None = here.recv()
+                except (EOFError, OSError):
+                    message = None
+                try:
+                    loop.call_soon_threadsafe(self._heard, process, message)
+                except RuntimeError:
+                    return  # the loop is closed
+                if message is None:
+                    return
+
+        threading.Thread(target=listen, daemon=True).start()
+
+    def _interrupt(self) -> None:
+        if self._process is not None and self._process.is_alive():
+            os.kill(self._process.pid, signal.SIGINT)
+
+    def _heard(self, process: Any, message: Message | None) -> None:
+        """One message of the worker; None when it has died."""
+        if process is not self._process or self._loop is None:
+            return
+        job = self._job
+        match message:
+            case None:
+                self._process.join(5)
+                code = self._process.exitcode
+                self._process = self._pipe = None
+                self._over(
+                    f"The process that computes has died ({code}); nothing is lost, and the next "
+                    "click starts another."
+                )
+            case Begun(depth):
+                self._solving, self._iterates = depth, []
+                self._tell("begun", {"depth": depth})
+            case Iterate(number, rms):
+                self._iterates.append(rms)
+                self._tell("iterate", {"number": number, "rms": rms})
+            case Looked():
+                self.looked, self.problem = message, ""
+                self._changed()
+            case Solved(depth, fit):
+                self.fits[depth] = fit
+                self._changed()
+            case Scored():
+                assert job is not None
+                if self.looked and sum(s[0].size for s in self.looked.signals) > _MANY:
+                    self.scores.clear()
+                self.scores[job.session.depth] = message
+                self._changed()
+            case Found(edit, sentences):
+                self.sentences = sentences
+                if edit is not None:
+                    self._step(edit)
+                self._changed()
+            case str():
+                if job is not None and id(job) in self._results:
+                    self._results[id(job)].set_result(message)
+                self._tell("said", message)
+            case Ended(failed):
+                self._over(failed)
+
+    def _over(self, failed: str) -> None:
+        """A job has ended; a step that could not be solved is taken back."""
+        job, self._job = self._job, None
+        self._solving, self._iterates = -1, []
+        if job is None:
+            return
+        future = self._results.get(id(job))
+        if future is not None and not future.done():
+            if failed:
+                future.set_exception(InputError(failed))
+            else:
+                future.set_result("")
+        elif failed and job.kind is not Kind.SCORE:
+            self.problem = failed
+            if job.kind is Kind.FIT and job.session.depth not in self.fits:
+                self._take_back()
+        depth = self.session.depth
+        wanted = self.session.fitted and depth in self.fits and depth not in self.scores
+        if wanted and not self._waiting and not failed:
+            self._waiting.append(Job(Kind.SCORE, self.session))
+        self._next()
+
+    def _take_back(self) -> None:
+        """The session as it was before a step that cannot be solved."""
+        self._waiting = [j for j in self._waiting if j.kind is not Kind.FIT]
+        solved = max(self.fits, default=-1)
+        if solved < 0:
+            if self.session.edits:
+                self._keep_aside()
+            self._set(replace(self.session, fitted=False, edits=(), depth=0))
+        elif self._before.depth in self.fits:
+            self.fits, self.scores = self._known
+            self._set(self._before)
+        else:
+            self._set(replace(self.session, depth=min(self.session.depth, solved)))
+
+    # Files and pages
+
+    def _set(self, session: Session) -> None:
+        """The session is another one now: kept at once."""
+        self.session = self._before = session
+        try:
+            session.save(self.file)
+        except InputError as error:
+            self.problem = f"The session is not kept: {error}"
+        self._changed()
+
+    def _keep_aside(self) -> None:
+        """What was done with other records stays in a file of its own."""
+        number = 1
+        while (aside := self.file.with_name(f"{self.file.stem}-{number}.json")).exists():
+            number += 1
+        with contextlib.suppress(InputError):
+            self.session.save(aside)
+
+    def _changed(self) -> None:
+        self.version += 1
+        self._tell("state", self.state())
+
+    def _tell(self, name: str, data: Any) -> None:
+        for queue in list(self._listeners):
+            try:
+                queue.put_nowait((name, data))
+            except asyncio.QueueFull:
+                self._listeners.discard(queue)

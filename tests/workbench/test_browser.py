@@ -1,0 +1,133 @@
+"""The story, by mouse, in a real browser that has no network, on a record that is made here."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+PATIENCE = 60_000
+"""[ms] A machine that is busy with other tests may take so long."""
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+
+
+@pytest.fixture
+def address(record: Path, tmp_path: Path) -> Iterator[str]:
+    """A server in a process of its own, as a user starts it."""
+    command = [
+        sys.executable, "-m", "piezo_opt", "workbench", str(record), "--no-browser",
+        "--session", str(tmp_path / "session.json"),
+    ]  # fmt: skip
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        try:
+            found = re.search(r"http://127\.0\.0\.1:\d+/\S+", server.stdout.readline())
+            assert found is not None
+            yield found[0]
+        finally:
+            server.terminate()
+
+
+def test_a_user_sees_what_is_missing_adds_it_and_takes_the_script_away(
+    address: str, tmp_path: Path
+) -> None:
+    # Takes seconds: two processes and a browser begin, a model is fitted twice and once more.
+    from playwright.sync_api import expect, sync_playwright
+
+    asked: list[str] = []
+    faults: list[str] = []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM,
+            # Every name but this machine's own leads nowhere.
+            args=["--no-sandbox", "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"],
+        )
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        page.set_default_timeout(PATIENCE)
+        page.on("request", lambda request: asked.append(request.url))
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.on("console", lambda m: faults.append(m.text) if m.type == "error" else None)
+        page.goto(address)
+        expect(page.locator("#records")).to_contain_text("400", timeout=PATIENCE)
+        page.click("#fit")
+        page.wait_for_selector("body[data-depth='0'][data-scored='yes']")
+        first = page.locator("#steps li").first.inner_text()
+
+        creep = page.locator("#suspects li[data-name='creep']")
+        creep.hover()
+        expect(page.locator("#shown")).to_have_text("and what creep would explain of it")
+        assert _coloured(page, "residual", (0, 114, 178)) > 300
+        creep.get_by_role("button").click()
+        page.wait_for_selector("body[data-depth='1'][data-scored='yes']")
+        assert _nanometres(page.locator("#steps li.now").inner_text()) < 0.6 * _nanometres(first)
+        assert _coloured(page, "error", (213, 94, 0)) > 100
+        page.click("#undo")
+        page.wait_for_selector("body[data-depth='0']")
+        page.keyboard.press("r")
+        page.wait_for_selector("body[data-depth='1'][data-scored='yes']")
+
+        # A stretch that is brushed in one picture is looked at in all.
+        box = page.locator("#overlay .u-over").bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 40)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 50, steps=4)
+        page.mouse.up()
+        expect(page.locator("#span")).to_contain_text("10")
+        samples = re.search(r"(\d+) samples", page.locator("#span").inner_text())
+        assert samples is not None
+        assert 95 <= int(samples[1]) <= 106
+
+        for name in ("Script", "JSON"):
+            with page.expect_download() as download:
+                page.get_by_role("link", name=name, exact=True).click()
+            download.value.save_as(tmp_path / name)
+        if keep := os.environ.get("PIEZO_OPT_PICTURE"):
+            page.keyboard.press("0")
+            page.locator("#suspects li").first.hover()
+            page.wait_for_timeout(500)
+            page.screenshot(path=keep)
+        browser.close()
+
+    assert faults == []
+    assert {url for url in asked if not url.startswith(address)} <= {"data:,"}
+    script, out = tmp_path / "Script", tmp_path / "again.json"
+    subprocess.run([sys.executable, str(script), str(out)], check=True, stdout=subprocess.DEVNULL)
+    told, again = json.loads((tmp_path / "JSON").read_text()), json.loads(out.read_text())
+    assert told["model"]["effects"][-1]["effect"] == "creep"
+    told.pop("wall_s")
+    again.pop("wall_s")
+    assert again == told
+
+
+def _nanometres(text: str) -> float:
+    found = re.search(r"([\d.]+) nm", text)
+    assert found is not None
+    return float(found[1])
+
+
+def _coloured(page, name: str, colour: tuple[int, int, int]) -> int:  # type: ignore[no-untyped-def]
+    """Pixels of a picture that have a colour."""
+    return int(
+        page.evaluate(
+            """([name, [r, g, b]]) => {
+                const canvas = document.querySelector(`#${name} canvas`);
+                const data = canvas.getContext("2d")
+                    .getImageData(0, 0, canvas.width, canvas.height).data;
+                let count = 0;
+                for (let k = 0; k < data.length; k += 4)
+                    if (data[k] === r && data[k + 1] === g && data[k + 2] === b) count++;
+                return count;
+            }""",
+            [name, list(colour)],
+        )
+    )

@@ -1,0 +1,283 @@
+"""The server: who is answered, what is refused, and that the script gives the page's numbers."""
+
+from __future__ import annotations
+
+import json
+import os
+import runpy
+import signal
+import sys
+import time
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+
+from piezo_opt.effects import Creep
+from piezo_opt.modelfile import read_model
+from piezo_opt.workbench.app import application
+from piezo_opt.workbench.bench import Bench
+from piezo_opt.workbench.edits import Add, Remove
+from piezo_opt.workbench.load import Load, Source
+from piezo_opt.workbench.session import Session, read_session
+
+PORT = 8123
+HOST = f"http://127.0.0.1:{PORT}"
+
+
+class Page:
+    """A page as a script sees it."""
+
+    def __init__(self, bench: Bench, client: TestClient) -> None:
+        self.bench, self.client = bench, client
+
+    def get(self, path: str, **more: Any) -> Any:
+        return self.client.get(f"/secret/{path}", **more)
+
+    def do(self, what: str, **more: Any) -> Any:
+        return self.client.post("/secret/do", json={"do": what, **more})
+
+    def state(self, until: Callable[[dict[str, Any]], bool] = lambda s: not s["busy"]) -> Any:
+        for _ in range(1200):
+            state = self.get("state").json()
+            if until(state):
+                return state
+            time.sleep(0.05)
+        raise AssertionError(f"it never came: {state['busy']} {state['problem']}")
+
+    def fitted(self) -> Any:
+        """The state with a fit, whichever tests came before in this process."""
+        state = self.state()
+        return state if state["steps"] else self.step("fit")
+
+    def step(self, what: str, **more: Any) -> Any:
+        assert self.do(what, **more).status_code == 200
+        return self.state()
+
+
+@pytest.fixture(scope="module")
+def page(record: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """One server and one worker for all tests: a process takes seconds to begin."""
+    file = tmp_path_factory.mktemp("sessions") / "session.json"
+    bench = Bench(Session(Load((Source(str(record)),))), file)
+    with TestClient(application(bench, "secret", PORT), base_url=HOST) as client:
+        yield Page(bench, client)
+
+
+def test_records_are_shown_before_anything_is_fitted(page: Page) -> None:
+    state = page.state()
+    (told,) = state["records"]["records"]
+    assert (told["name"], told["samples"], told["sampling"]) == ("loop", 400, "20 Hz")
+    assert told["units"] == {"drive": "V", "position": "m"}
+    assert state["records"]["fit_for_use"]
+    assert (state["steps"], state["fit"]) == ([], None)
+    assert page.do("find").json()["sentence"].startswith("There is no fit yet")
+
+
+def test_a_story_gives_a_script_with_exactly_its_numbers(
+    page: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page.state()
+    first = page.step("fit")
+    assert [step["title"] for step in first["steps"]] == ["default model"]
+    suspects = {s["name"]: s for s in first["scores"]["suspects"]}
+    assert suspects["creep"]["sure"]
+    assert "bouc_wen" not in suspects
+    # The curve of a suspect lies over the residual and explains the share that is told.
+    view = page.get("view", params={"suspect": "creep"}).json()
+    left, curve = np.array(view["residual"]), np.array(view["suspect"])
+    assert 1 - np.sum((left - curve) ** 2) / np.sum(left**2) == pytest.approx(
+        suspects["creep"]["explains"], rel=1e-3
+    )
+
+    page.step("add", effect=suspects["creep"]["effect"])
+    page.step("fix", name="bouc_wen.gamma", value=0.001)
+    page.step("undo")
+    page.step("bound", name="creep.tau", low=0.5, high=4.0)
+    page.step("free", name="bouc_wen.n")
+    page.step("exchange", name="bouc_wen", effect="dahl")
+    page.step("undo")
+    page.step("redo")
+    last = page.step("undo")
+    assert [step["title"] for step in last["steps"]] == [
+        "default model", "add creep", "bounds of creep.tau", "free bouc_wen.n",
+        "dahl in the place of bouc_wen",
+    ]  # fmt: skip
+    assert last["depth"] == 3
+    assert last["steps"][1]["rms"] < 0.6 * last["steps"][0]["rms"]
+    trace = last["steps"][1]["trace"]
+    assert trace[-1] == pytest.approx(last["steps"][1]["rms"], rel=1e-6)
+
+    script, out = tmp_path / "script.py", tmp_path / "again.json"
+    script.write_text(page.get("download/script.py").text)
+    monkeypatch.setattr(sys, "argv", [str(script), str(out)])
+    runpy.run_path(str(script))
+    told, again = page.get("download/fit.json").json(), json.loads(out.read_text())
+    # Wall time is the one number that no second run has.
+    assert told.pop("wall_s") > 0.0
+    again.pop("wall_s")
+    assert again == told
+
+    (tmp_path / "model.toml").write_text(page.get("download/model.toml").text)
+    read = read_model(tmp_path / "model.toml")
+    assert read.values["creep.tau"] == told["parameters"]["creep.tau"]["value"]
+    assert (read.free, read.bounds["creep.tau"]) == (("bouc_wen.n",), (0.5, 4.0))
+    assert tomllib.loads(page.get("download/model.toml").text)["effects"][1]["effect"] == "bouc_wen"
+
+    # All of it is in the file, whoever kills the server now.
+    kept = read_session(page.bench.file)
+    assert (kept.depth, len(kept.edits), kept.script) == (3, 4, script.read_text())
+
+
+def test_a_killed_worker_is_told_and_the_next_click_goes_on(page: Page) -> None:
+    state = page.fitted()
+    depth = state["depth"]
+    assert page.do("find").status_code == 200
+    os.kill(page.bench._process.pid, signal.SIGKILL)
+    state = page.state()
+    assert "has died (-9); nothing is lost" in state["problem"]
+    assert state["depth"] == depth
+    state = page.step("remove", name="offset")
+    assert (state["problem"], state["depth"]) == ("", depth + 1)
+    assert "offset" not in [one["name"] for one in state["fit"]["effects"]]
+    page.step("undo")
+
+
+def test_a_search_that_is_stopped_leaves_the_best_so_far(page: Page) -> None:
+    before = page.fitted()
+    assert page.do("find").status_code == 200
+    assert page.do("add", effect="delay").json()["sentence"].startswith("Wait, or stop it first")
+    page.state(lambda s: s["kind"] == "search")
+    time.sleep(0.3)
+    assert page.do("cancel").status_code == 200
+    after = page.state()
+    assert after["sentences"][0].startswith("Not finished")
+    assert after["fit"]["rms"] <= before["fit"]["rms"] * 1.0001
+
+
+def test_a_step_that_cannot_be_solved_leaves_the_model_as_it_was(page: Page) -> None:
+    before = page.fitted()
+    page.do("add", effect="friction")  # acts on a motion that this model does not have
+    after = page.state()
+    assert "quasi-static" in after["problem"]
+    assert after["steps"] == before["steps"]
+    assert after["depth"] == before["depth"]
+
+
+@pytest.mark.parametrize(
+    ("headers", "path"),
+    [
+        ({"host": "evil.example"}, "/secret/state"),
+        ({"host": "127.0.0.1"}, "/secret/state"),
+        ({"origin": "http://evil.example"}, "/secret/state"),
+        ({"origin": "null"}, "/secret/state"),
+        ({"origin": "http://localhost:9"}, "/secret/state"),
+        ({"sec-fetch-site": "cross-site"}, "/secret/state"),
+        ({"sec-fetch-site": "same-site"}, "/secret/state"),
+        ({}, "/state"),
+        ({}, "/"),
+        ({}, "/wrong/state"),
+        ({}, "/secre/state"),
+        ({}, "//secret/state"),
+    ],
+)
+def test_strangers_are_refused(page: Page, headers: dict[str, str], path: str) -> None:
+    for method in ("GET", "POST"):
+        answer = page.client.request(method, path, headers=headers)
+        assert answer.status_code == 403
+        assert "records" not in answer.text
+
+
+def test_the_own_page_is_answered_and_may_load_nothing_from_elsewhere(page: Page) -> None:
+    answer = page.get("", headers={"origin": HOST, "sec-fetch-site": "same-origin"})
+    assert answer.status_code == 200
+    policy = answer.headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    for name in ("workbench.js", "workbench.css", "uplot.js", "uplot.css"):
+        text = page.get(f"assets/{name}").text
+        assert "innerHTML" not in text or name == "uplot.js"
+        assert "http://" not in text.replace("http://www.w3.org", "")
+        if name != "uplot.js":
+            assert "https://" not in text
+    assert page.get("assets/..%2Fapp.py").status_code == 404
+
+
+@pytest.mark.parametrize(
+    "body",
+    [b"", b"{", b"[]", b"7", b"[" * 100_000, b'{"do": "add"}', b'{"do": "load", "load": 3}',
+     b'{"do": "fix", "name": "a", "value": "x"}', b'{"do": "bound", "name": "a"}',
+     b'{"do": "add", "effect": "no"}', b'{"do": ["add"]}', b" " * (1 << 21)],
+)  # fmt: skip
+def test_clicks_that_make_no_sense_are_one_sentence(page: Page, body: bytes) -> None:
+    answer = page.client.post("/secret/do", content=body)
+    assert answer.status_code == 400
+    assert len(answer.json()["sentence"].splitlines()) == 1
+
+
+def test_a_tab_that_has_not_seen_the_last_change_is_asked_to_look(page: Page) -> None:
+    version = page.state()["version"]
+    assert page.do("undo", version=version - 1).status_code == 409
+    assert page.state()["version"] == version
+
+
+@pytest.mark.parametrize(
+    "query", ["record=9", "record=x", "begin=nan&end=2", "begin=a", "record=-1"]
+)
+def test_views_that_make_no_sense_are_refused(page: Page, query: str) -> None:
+    assert page.get(f"view?{query}").status_code == 400
+
+
+def test_a_dropped_file_replaces_the_records_and_what_was_done_stays_in_a_file(page: Page) -> None:
+    steps = len(page.fitted()["steps"])
+    markup = "<img src=x onerror=alert(1)>"
+    rows = "".join(f"{k},{k % 20},{0.1 * (k % 20):.3f},{k % 3}\n" for k in range(100))
+    text = f"time [s],voltage [V],displacement [um],{markup} [V]\n{rows}"
+    where = f"/secret/upload?name=../../{markup}.csv"
+    assert page.client.post(where, content=text.encode()).status_code == 200
+    state = page.state()
+    folder = page.bench.file.with_suffix(".files")
+    assert [file.name for file in folder.iterdir()] == ["img_src_x_onerror_alert_1_.csv"]
+    assert markup in state["records"]["records"][0]["units"]
+    assert state["steps"] == []
+    kept = read_session(page.bench.file.with_name("session-1.json"))
+    assert len(kept.edits) + 1 == steps
+
+
+def test_files_that_are_no_records_are_one_sentence_each(page: Page) -> None:
+    rng = np.random.default_rng(3)
+    page.state()
+    broken = [
+        ("empty.csv", b""),
+        ("noise.h5", rng.bytes(3000)),
+        ("noise.mat", rng.bytes(3000)),
+        ("signed.h5", b"\x89HDF\r\n\x1a\n" + rng.bytes(500)),
+        ("short.csv", b"time [s],voltage [V],displacement [um]\n0,0,0\n"),
+        ("words.csv", b"time [s],voltage [V],displacement [um]\n0,a,b\n1,c,d\n"),
+        ("program.exe", b"MZ"),
+        ("", b"\x00" * 100),
+    ]
+    for name, content in broken:
+        assert page.client.post(f"/secret/upload?name={name}", content=content).status_code == 200
+        state = page.state()
+        assert state["problem"]
+        assert "error of the program" not in state["problem"]
+        assert len(state["problem"].splitlines()) == 1
+        assert state["records"] is None
+
+
+def test_a_resumed_session_goes_through_its_steps_again(record: Path, tmp_path: Path) -> None:
+    kept = Session(Load((Source(str(record)),)), True, (Add(Creep()), Remove("offset")), 1)
+    bench = Bench(kept, tmp_path / "again.json")
+    with TestClient(application(bench, "secret", PORT), base_url=HOST) as client:
+        state = Page(bench, client).state()
+    assert state["depth"] == 1
+    assert [step["title"] for step in state["steps"]] == [
+        "default model", "add creep", "remove offset",
+    ]  # fmt: skip
+    assert all(step["rms"] for step in state["steps"])
+    assert [one["name"] for one in state["fit"]["effects"]][-1] == "creep"

@@ -1,0 +1,59 @@
+"""Thinned curves lose no peak and stay within what a screen shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from piezo_opt.workbench.traces import MOST_POINTS, envelope, outline, window
+
+
+@pytest.mark.parametrize("count", [4001, 7999, 8001, 123_457])
+def test_an_envelope_keeps_every_extreme_of_its_stretches(count: int) -> None:
+    rng = np.random.default_rng(count)
+    time = np.cumsum(rng.uniform(0.5, 1.5, count))
+    smooth, spiked = np.sin(time / 900.0), np.zeros(count)
+    at = int(rng.integers(count))
+    spiked[at] = -7.0
+    clock, (one, two) = envelope(time, [smooth, spiked])
+    assert clock.size == one.size == two.size <= MOST_POINTS
+    assert clock.size > 0.6 * MOST_POINTS
+    assert np.all(np.diff(clock) >= 0)
+    assert (clock[0], clock[-1]) == (time[0], time[-1])
+    assert (one.min(), one.max()) == (smooth.min(), smooth.max())
+    width = -(-count // (MOST_POINTS // 2))
+    assert abs(clock[two.argmin()] - time[at]) <= 1.5 * width
+    assert two.min() == -7.0
+
+
+def test_what_is_short_comes_as_it_is_and_what_is_missing_stays_missing() -> None:
+    time = np.arange(4000.0)
+    signal = time**2
+    clock, (same,) = envelope(time, [signal])
+    assert clock is time
+    assert same is signal
+    long = np.arange(40_000.0)
+    half = np.where(long < 20_000, np.nan, long)
+    _, (thin,) = envelope(long, [half])
+    assert np.isnan(thin[:1999]).all()
+    assert np.nanmin(thin) == 20_000
+    assert np.nanmax(thin) == 39_999
+
+
+def test_an_outline_of_a_loop_has_its_corners() -> None:
+    turns = np.linspace(0.0, 60.0, 100_001)
+    drive, position = np.sin(turns), np.cos(turns)
+    kept = outline([drive, position])
+    assert kept.size <= MOST_POINTS
+    assert {0, 100_000} <= set(kept.tolist())
+    assert np.all(np.diff(kept) > 0)
+    for signal in (drive, position):
+        assert (signal[kept].min(), signal[kept].max()) == (signal.min(), signal.max())
+
+
+def test_a_window_reaches_one_sample_beyond_its_ends() -> None:
+    time = np.arange(10.0)
+    assert window(time, 2.5, 6.5) == slice(2, 8)
+    assert window(time, None, None) == slice(0, 10)
+    assert window(time, -5.0, 50.0) == slice(0, 10)
+    assert time[window(time, 3.2, 3.3)].tolist() == [3.0, 4.0]
