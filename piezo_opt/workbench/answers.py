@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final, final
 
 import numpy as np
@@ -16,6 +18,7 @@ from piezo_opt.units import show
 
 if TYPE_CHECKING:  # records are shown before the solvers are loaded
     from piezo_opt.diagnosis import Diagnosis
+    from piezo_opt.diagnosis.advice import Advice
     from piezo_opt.identification import Fit
 
 FloatArray = NDArray[np.float64]
@@ -51,6 +54,41 @@ class Scored:
 
     told: dict[str, Any]
     curves: dict[str, tuple[FloatArray, ...]]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A drive worth playing next: why, its samples, and the file that is played."""
+
+    name: str
+    sentence: str
+    unit: str
+    time: FloatArray
+    drive: FloatArray
+    csv: str
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """What a record cannot tell: the drives that would, and the names that none would show."""
+
+    drives: tuple[Drive, ...]
+    never: tuple[str, ...]
+
+
+def planned(experiments: Sequence[Advice], never: Sequence[str]) -> Planned:
+    """Drives with their samples, at the rate at which they were judged."""
+    drives = []
+    with TemporaryDirectory() as folder:
+        for one in experiments:
+            file = Path(folder) / "drive.csv"
+            one.drive.write(file, one.rate, overwrite=True)
+            time, drive = one.drive.samples(one.rate)
+            text = file.read_text(encoding="utf-8")
+            drives.append(Drive(one.drive.name, one.sentence, one.drive.unit, time, drive, text))
+    return Planned(tuple(drives), tuple(never))
 
 
 def looked(found: Check) -> Looked:

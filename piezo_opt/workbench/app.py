@@ -24,6 +24,7 @@ from starlette.types import ASGIApp
 
 from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.readers.files import LARGEST_FILE
+from piezo_opt.workbench.answers import Drive, FloatArray
 from piezo_opt.workbench.bench import Bench
 from piezo_opt.workbench.edits import edit_from_dict
 from piezo_opt.workbench.guard import Guard
@@ -90,6 +91,12 @@ def application(bench: Bench, token: str, port: int) -> ASGIApp:
     async def view(request: Request) -> Response:
         return Response(_view(bench, request.query_params), media_type="application/json")
 
+    async def drive(request: Request) -> Response:
+        one = _drive(bench, request.query_params.get("number", ""))
+        time, (thin,) = envelope(one.time, [one.drive], MOST_POINTS // 4)
+        shown = {"time": _rounded(time, 9), "drive": _rounded(thin, 6), "unit": one.unit}
+        return Response(_json(shown), media_type="application/json")
+
     async def download(request: Request) -> Response:
         return await _download(bench, request.path_params["what"])
 
@@ -101,6 +108,7 @@ def application(bench: Bench, token: str, port: int) -> ASGIApp:
                 Route("/events", events),
                 Route("/state", state),
                 Route("/view", _told(view)),
+                Route("/drive", _told(drive)),
                 Route("/do", _told(do), methods=["POST"]),
                 Route("/upload", _told(upload), methods=["POST"]),
                 Route("/download/{what}", _told(download)),
@@ -142,6 +150,8 @@ def _do(bench: Bench, said: Mapping[str, Any]) -> None:
             bench.redo()
         case "find":
             bench.search()
+        case "next":
+            bench.next()
         case "cancel":
             bench.cancel()
         case _:
@@ -184,6 +194,13 @@ async def _received(request: Request, folder: Path, name: str) -> Path:
     return target
 
 
+def _drive(bench: Bench, number: str) -> Drive:
+    drives = () if bench.plan is None else bench.plan.drives
+    if not number.isdecimal() or int(number) >= len(drives):
+        raise InputError(f"There is no drive number {number}.")
+    return drives[int(number)]
+
+
 def _view(bench: Bench, asked: Mapping[str, str]) -> str:
     """Curves of one record between two instants, thinned for a screen."""
     if bench.looked is None:
@@ -197,13 +214,12 @@ def _view(bench: Bench, asked: Mapping[str, str]) -> str:
     time, drive, position = bench.looked.signals[index]
     part = window(time, begin, end)
     names, signals = ["drive", "position"], [drive[part], position[part]]
-    depth = bench.session.depth
-    fit = bench.fits.get(depth) if bench.session.fitted else None
+    fit = bench.fits.get(bench.shown)
     if fit is not None:
         names += ["model", "residual"]
         left = np.where(bench.looked.counted[index], position - fit.readings[index], np.nan)
         signals += [fit.readings[index][part], left[part]]
-    score = bench.scores.get(depth) if fit is not None else None
+    score = bench.scores.get(bench.shown)
     if score is not None and asked.get("suspect") in score.curves:
         names.append("suspect")
         signals.append(score.curves[asked["suspect"]][index][part])
@@ -212,12 +228,12 @@ def _view(bench: Bench, asked: Mapping[str, str]) -> str:
     kept = outline([drive[part], plane[-1]], MOST_POINTS)
     return _json(
         {
-            "time": clock,
-            **dict(zip(names, thin, strict=True)),
+            "time": _rounded(clock, 9),
+            **{name: _rounded(one, 6) for name, one in zip(names, thin, strict=True)},
             "plane": {
-                "drive": drive[part][kept],
-                "position": plane[0][kept],
-                "model": plane[1][kept] if fit is not None else None,
+                "drive": _rounded(drive[part][kept], 6),
+                "position": _rounded(plane[0][kept], 6),
+                "model": _rounded(plane[1][kept], 6) if fit is not None else None,
             },
             "samples": int(part.stop - part.start),
         }
@@ -226,6 +242,9 @@ def _view(bench: Bench, asked: Mapping[str, str]) -> str:
 
 async def _download(bench: Bench, what: str) -> Response:
     now = bench.fits.get(bench.session.depth) if bench.session.fitted else None
+    if numbered := re.fullmatch(r"drive-(\d{1,4})\.csv", what):
+        one = _drive(bench, numbered[1])
+        return _file(one.csv, f"{one.name}.csv", "text/csv")
     if what == "script.py":
         return _file(bench.session.script, what, "text/x-python")
     if what == "session.json":
@@ -264,6 +283,12 @@ def _file(data: str | bytes, name: str, kind: str) -> Response:
 def _json(data: Any) -> str:
     """JSON without NaN or infinity: what is not known is null."""
     return json.dumps(_plain(data), allow_nan=False, separators=(",", ":"))
+
+
+def _rounded(signal: FloatArray, digits: int) -> FloatArray:
+    """Numbers with so many digits of the largest one: more would only be sent, not seen."""
+    most = float(np.nanmax(np.abs(signal), initial=0.0))
+    return signal if most == 0.0 else np.round(signal, digits - 1 - math.floor(math.log10(most)))
 
 
 def _plain(data: Any) -> Any:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final, final
 
 from piezo_opt.errors import InputError
-from piezo_opt.workbench.answers import Fitted, Looked, Scored
+from piezo_opt.workbench.answers import Fitted, Looked, Planned, Scored
 from piezo_opt.workbench.edits import Edit
 from piezo_opt.workbench.load import Load
 from piezo_opt.workbench.session import Session
@@ -42,6 +42,7 @@ _NAMES: Final = {
     Kind.FIT: "fitting",
     Kind.SCORE: "scoring what is absent",
     Kind.SEARCH: "finding all that is missing",
+    Kind.NEXT: "looking for what to play next",
     Kind.REPORT: "drawing the report",
     Kind.C: "writing and compiling C",
 }
@@ -63,6 +64,7 @@ class Bench:
         self.looked: Looked | None = None
         self.fits: dict[int, Fitted] = {}
         self.scores: dict[int, Scored] = {}
+        self.plan: Planned | None = None
         self.sentences: tuple[str, ...] = ()
         self.problem = ""
         self._listeners: set[asyncio.Queue[Event | None]] = set()
@@ -94,6 +96,7 @@ class Bench:
             self._keep_aside()
         self._set(Session(load))
         self.looked, self.fits, self.scores, self.sentences = None, {}, {}, ()
+        self.plan = None
         if load.sources:
             self._begin(Job(Kind.LOOK, self.session))
 
@@ -111,6 +114,7 @@ class Bench:
         """One step more."""
         self._idle()
         self._need_fit()
+        self.plan = None
         self._step(edit)
 
     def undo(self) -> None:
@@ -129,6 +133,12 @@ class Bench:
         self._need_fit()
         self.sentences = ()
         self._begin(Job(Kind.SEARCH, self.session))
+
+    def next(self) -> None:
+        """What this record cannot tell, and the drives that would."""
+        self._idle()
+        self._need_fit()
+        self._begin(Job(Kind.NEXT, self.session))
 
     def cancel(self) -> None:
         """End the job that runs, with the best so far where there is one."""
@@ -157,9 +167,8 @@ class Bench:
 
     def state(self) -> dict[str, Any]:
         """All that the page shows but the curves."""
-        depth = self.session.depth
-        now = self.fits.get(depth) if self.session.fitted else None
-        score = self.scores.get(depth) if self.session.fitted else None
+        depth, at = self.session.depth, self.shown
+        now, score = self.fits.get(at), self.scores.get(at)
         steps = ["default model", *(edit.title for edit in self.session.edits)]
         shown = self.session.fitted
         return {
@@ -181,11 +190,24 @@ class Bench:
                 for n, title in enumerate(steps if shown else [])
             ],
             "depth": depth,
+            "shown": at,
             "solving": self._solving,
             "iterates": list(self._iterates),
             "fit": None if now is None else {k: v for k, v in now.told.items() if k != "json"},
             "scores": None if score is None else score.told,
+            "plan": None
+            if self.plan is None
+            else {
+                "drives": [{"name": d.name, "sentence": d.sentence} for d in self.plan.drives],
+                "never": list(self.plan.never),
+            },
         }
+
+    @property
+    def shown(self) -> int:
+        """The step whose fit is shown: while one is solved, the last before it; -1 for none."""
+        depth = self.session.depth if self.session.fitted else -1
+        return max((d for d in self.fits if d <= depth), default=-1)
 
     async def events(self) -> AsyncIterator[Event]:
         """The state now, and whatever happens from now on."""
@@ -233,7 +255,7 @@ class Bench:
         self._begin(Job(Kind.FIT, self.session))
 
     def _move(self, session: Session) -> None:
-        self.problem = ""
+        self.problem, self.plan = "", None
         self._set(session)
         if session.depth not in self.fits:
             self._begin(Job(Kind.FIT, session))
@@ -312,6 +334,9 @@ class Bench:
                 self._changed()
             case Solved(depth, fit):
                 self.fits[depth] = fit
+                self._changed()
+            case Planned():
+                self.plan = message
                 self._changed()
             case Scored():
                 assert job is not None

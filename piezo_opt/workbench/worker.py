@@ -7,7 +7,10 @@ there is one, and nothing else.
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -16,9 +19,19 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, final
 
+from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.measurement import Check
-from piezo_opt.workbench.answers import Fitted, Looked, Scored, fitted, looked, scored
+from piezo_opt.workbench.answers import (
+    Fitted,
+    Looked,
+    Planned,
+    Scored,
+    fitted,
+    looked,
+    planned,
+    scored,
+)
 from piezo_opt.workbench.edits import Adopt, begin
 from piezo_opt.workbench.load import Load
 from piezo_opt.workbench.session import Session
@@ -34,6 +47,7 @@ class Kind(Enum):
     FIT = "fit"
     SCORE = "score"
     SEARCH = "search"
+    NEXT = "next"
     REPORT = "report"
     C = "c"
 
@@ -97,7 +111,7 @@ class Ended:
     failed: str = ""
 
 
-Message: TypeAlias = Begun | Iterate | Solved | Found | Ended | Looked | Scored | str
+Message: TypeAlias = Begun | Iterate | Solved | Found | Ended | Looked | Scored | Planned | str
 
 
 @final
@@ -186,7 +200,8 @@ class _Memory:
 
 
 def run(connection: Connection) -> None:
-    """Do jobs until the other end of the pipe is closed."""
+    """Do jobs until the other end of the pipe is closed, or the server is no more."""
+    threading.Thread(target=_end_with_the_server, daemon=True).start()
     line, memory = _Line(connection), _Memory()
     while True:
         try:
@@ -196,6 +211,14 @@ def run(connection: Connection) -> None:
         line.send(Ended(_done(job, memory, line)))
         if job.kind is Kind.LOOK and not connection.poll():
             _warm()
+
+
+def _end_with_the_server() -> None:
+    """A search must not go on for minutes when the server was killed."""
+    server = multiprocessing.parent_process()
+    if server is not None:
+        server.join()
+        os._exit(1)
 
 
 def _warm() -> None:
@@ -242,6 +265,8 @@ def _do(job: Job, memory: _Memory, send: Callable[[Message], None]) -> None:
             send(scored(diagnose(fit, ladder=False)))
         case Kind.SEARCH:
             _search(memory.fit(session, send, tell=False), send)
+        case Kind.NEXT:
+            _next(memory.fit(session, send, tell=False), send)
         case Kind.REPORT:
             _report(memory, session, job.target, send)
         case Kind.C:
@@ -257,7 +282,20 @@ def _search(fit: Fit, send: Callable[[Message], None]) -> None:
     final = found.final
     same = final.model == fit.model and final.question.free == fit.question.free
     edit = None if same else Adopt(final.model, final.question.free, dict(final.values))
+    if found.experiments:
+        send(planned(found.experiments, found.invisible))
     send(Found(edit, (found.headline, *found.structure.clues, *found.advice)))
+
+
+def _next(fit: Fit, send: Callable[[Message], None]) -> None:
+    """The drives that would show what this record could not have shown."""
+    from piezo_opt.diagnosis import diagnose
+    from piezo_opt.diagnosis.advice import experiments
+
+    noise = diagnose(fit, ladder=False).noise.rms
+    offered = [e for kind in CATALOGUE.values() if not kind.structural for e in kind.entries()]
+    send("comparing drives")
+    send(planned(*experiments(fit, (), fit, offered, noise, hidden=True)))
 
 
 def _report(

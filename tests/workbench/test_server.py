@@ -133,6 +133,45 @@ def test_a_story_gives_a_script_with_exactly_its_numbers(
     assert (kept.depth, len(kept.edits), kept.script) == (3, 4, script.read_text())
 
 
+def test_a_search_is_taken_over_and_its_script_needs_no_search(
+    page: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page.state()
+    page.step("load", load=page.bench.session.load.to_dict())
+    page.step("fit")
+    state = page.step("find")
+    assert state["sentences"][0].startswith("Missing: creep.")
+    assert (state["depth"], state["steps"][1]["title"]) == (1, "find all")
+    script, out = tmp_path / "script.py", tmp_path / "again.json"
+    script.write_text(page.get("download/script.py").text)
+    assert "diagnose(" not in "".join(
+        line for line in script.read_text().splitlines() if not line.startswith("#")
+    )
+    monkeypatch.setattr(sys, "argv", [str(script), str(out)])
+    runpy.run_path(str(script))
+    told, again = page.get("download/fit.json").json(), json.loads(out.read_text())
+    assert {**again, "wall_s": 0} == {**told, "wall_s": 0}
+
+
+def test_drives_that_would_tell_more_can_be_seen_and_played(page: Page) -> None:
+    page.fitted()
+    state = page.step("next")
+    drives = state["plan"]["drives"]
+    assert drives
+    shown = page.get("drive?number=0").json()
+    lines = page.get("download/drive-0.csv").text.splitlines()
+    head = next(k for k, line in enumerate(lines) if line.startswith("time [s]"))
+    clock, drive = np.loadtxt(lines[head + 1 :], delimiter=",", usecols=(0, 1), unpack=True)
+    assert (min(shown["drive"]), max(shown["drive"])) == pytest.approx((drive.min(), drive.max()))
+    assert shown["time"][-1] == pytest.approx(clock[-1])
+    # It stays within what was played.
+    assert drive.min() >= -1e-9
+    assert drive.max() <= 94.1
+    for number in ("99", "x", "-1", ""):
+        assert page.get(f"drive?number={number}").status_code == 400
+    assert page.get("download/drive-99.csv").status_code == 400
+
+
 def test_a_killed_worker_is_told_and_the_next_click_goes_on(page: Page) -> None:
     state = page.fitted()
     depth = state["depth"]
@@ -244,7 +283,8 @@ def test_a_dropped_file_replaces_the_records_and_what_was_done_stays_in_a_file(p
     assert [file.name for file in folder.iterdir()] == ["img_src_x_onerror_alert_1_.csv"]
     assert markup in state["records"]["records"][0]["units"]
     assert state["steps"] == []
-    kept = read_session(page.bench.file.with_name("session-1.json"))
+    aside = page.bench.file.parent.glob("session-*.json")
+    kept = read_session(max(aside, key=lambda file: int(file.stem.partition("-")[2])))
     assert len(kept.edits) + 1 == steps
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import errno
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -44,6 +46,22 @@ def test_a_session_comes_back_from_its_file_with_every_kind_of_step(tmp_path: Pa
     assert again.to_dict() == session.to_dict()
     assert again.script == session.script
     assert [type(edit) for edit in again.edits] == [type(edit) for edit in EVERY]
+
+
+def test_a_full_disk_leaves_the_earlier_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "session.json"
+    Session(Load((Source("first.csv"),))).save(file)
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(InputError, match="the disk is full"):
+        Session(Load((Source("second.csv"),))).save(file)
+    assert read_session(file).load.sources[0].path == "first.csv"
+    assert list(tmp_path.iterdir()) == [file]
 
 
 def test_undo_and_redo_move_along_the_steps_and_a_new_step_forgets_what_was_undone() -> None:

@@ -29,7 +29,10 @@ function prefixed(unit, largest) {
   return [10 ** -exponent, PREFIX[exponent] + unit];
 }
 
-const digits = (x, n = 4) => (x === 0 ? "0" : Number(x.toPrecision(n)).toString());
+function digits(x, n = 4) {
+  if (x !== 0 && (Math.abs(x) < 1e-3 || Math.abs(x) >= 1e6)) return Number(x.toPrecision(n)).toExponential();
+  return Number(x.toPrecision(n)).toString();
+}
 
 function show(value, unit) {
   if (value === null || value === undefined) return "unknown";
@@ -348,7 +351,38 @@ function rightPart() {
   if (scores) fill($("unscored"), ...scores.unscored.map((u) => el("li", {}, `${u.name}: ${u.why}`)));
   $("found").hidden = !state.sentences.length;
   fill($("answer"), ...items(state.sentences));
+  planPart(busy);
   $("kept").textContent = `Every step is kept in ${state.file}.`;
+}
+
+async function preview(number, where) {
+  if (where.children.length) { where.replaceChildren(); return; }
+  const answer = await fetch("drive?" + new URLSearchParams({ number }));
+  if (!answer.ok) { problem((await answer.json()).sentence); return; }
+  const told = await answer.json();
+  new uPlot({
+    width: where.clientWidth, height: 130, legend: { show: false }, cursor: { show: false },
+    scales: { x: { time: false } },
+    axes: [axis("time [s]", { size: 30 }), axis(`drive [${told.unit}]`, { size: 46, space: 24 })],
+    series: [{}, { stroke: css("--suspect"), width: 1, points: { show: false } }],
+  }, [told.time, told.drive], where);
+}
+
+function planPart(busy) {
+  const plan = state.plan;
+  $("next-part").hidden = !state.fit;
+  $("next").hidden = !!plan;
+  $("next").disabled = busy;
+  const shown = JSON.stringify(plan);
+  if ($("plan").dataset.shown === shown) return; // a preview that is open stays open
+  $("plan").dataset.shown = shown;
+  fill($("plan"), ...(plan ? plan.drives : []).map((d, k) => {
+    const where = el("div", {});
+    return el("li", {}, said(d.sentence), el("p", { className: "links" },
+      el("button", { className: "small", onclick: () => preview(k, where) }, "Preview"),
+      el("a", { href: `download/drive-${k}.csv`, download: "" }, "CSV to play")), where);
+  }), ...(plan && plan.never.length ? [el("li", {}, `No drive would show ${plan.never.join(", ")}: change the set-up from one record to the next.`)] : []),
+  ...(plan && !plan.drives.length && !plan.never.length ? [el("li", {}, "There is nothing hidden to be shown.")] : []));
 }
 
 function suspectRow(s, busy) {
@@ -377,8 +411,9 @@ function status() {
   $("fit").hidden = !state.records || state.steps.length > 0;
   $("fit").disabled = !free || !state.records || !state.records.fit_for_use;
   document.body.dataset.busy = state.kind;
-  document.body.dataset.depth = state.fit ? state.depth : "";
-  document.body.dataset.scored = state.scores ? "yes" : "";
+  const settled = state.shown === state.depth;
+  document.body.dataset.depth = state.fit && settled ? state.depth : "";
+  document.body.dataset.scored = state.scores && settled ? "yes" : "";
 }
 
 function render(next) {
@@ -411,6 +446,7 @@ $("undo").addEventListener("click", () => post({ do: "undo" }));
 $("redo").addEventListener("click", () => post({ do: "redo" }));
 $("fit").addEventListener("click", () => post({ do: "fit" }));
 $("find").addEventListener("click", () => post({ do: "find" }));
+$("next").addEventListener("click", () => post({ do: "next" }));
 $("cancel").addEventListener("click", () => post({ do: "cancel" }));
 $("any").addEventListener("change", (event) => { if (event.target.value) post({ do: "add", effect: event.target.value }); });
 $("record").addEventListener("change", (event) => { record = Number(event.target.value); look(null); });
