@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import singledispatch
 
 import numpy as np
@@ -13,6 +14,7 @@ from piezo_opt.measurement import Measurement
 from piezo_opt.report import figures
 from piezo_opt.report.page import (
     Block,
+    Folded,
     Heading,
     Lead,
     Listing,
@@ -21,7 +23,7 @@ from piezo_opt.report.page import (
     Table,
     Text,
 )
-from piezo_opt.report.style import prefixed
+from piezo_opt.report.style import MODEL_COLOURS, prefixed
 from piezo_opt.simulation import INITIAL
 from piezo_opt.units import show
 
@@ -42,21 +44,30 @@ def chapter(result: object) -> list[Block]:
 def _fit(fit: Fit) -> list[Block]:
     own = compare(fit, names=("model",))
     entry = own.entries[0]
+    table = columns(own)[1:]
     blocks: list[Block] = [
-        Heading(f"Fit: {' + '.join(fit.model.names)}"),
+        Heading(f"Fit of {named(fit.records)}: {' + '.join(fit.model.names)}"),
         Lead(f"{fit.outcome.sentence} {_verdict(entry)}", good=fit.outcome.success),
-        Table(columns(own)[1:]),
-        *records_of(fit.records),
         *_pictures((entry,)),
+        *records_of(fit.records),
         Heading("What the numbers are", 3),
         *values_of(fit),
     ]
     if fit.blind:
         blocks += [Heading("What the data cannot see", 3), Points(fit.blind)]
-    blocks += [Heading("Model", 3), Listing(str(fit.model))]
     if fit.remarks:
         blocks += [Heading("Remarks", 3), Points(fit.remarks)]
-    return [*blocks, *_run(fit)]
+    return [
+        *blocks,
+        Folded("The model's equations", (Listing(str(fit.model)),)),
+        Folded("Further measures of the error, and the run", (Table(table), *_run(fit))),
+    ]
+
+
+def named(records: Sequence[Measurement]) -> str:
+    """The records by name, at most three."""
+    names = [record.name for record in records]
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 @chapter.register
@@ -112,15 +123,17 @@ def records_of(records: tuple[Measurement, ...]) -> list[Block]:
 
 def _pictures(entries: tuple[Entry, ...]) -> list[Block]:
     blocks: list[Block] = []
-    misfits = entries[0].misfits
+    misfits, colours = entries[0].misfits, coloured(entries)
     for k, misfit in enumerate(misfits[:_MOST_RECORDS]):
         name = misfit.record.name
         blocks += [
             Heading(f"Measured and modelled: {name}", 3),
-            Picture(figures.loop(entries, k), "The reading against the drive."),
+            Picture(
+                figures.loop(entries, k), f"The reading against the drive. {coloured(entries)}"
+            ),
             Picture(
                 figures.over_time(entries, k),
-                "The reading over time and, below, what the model leaves over.",
+                f"The reading over time and, below, what the model leaves over. {colours}",
             ),
             Heading(f"Where it fails: {name}", 3),
         ]
@@ -134,6 +147,13 @@ def _pictures(entries: tuple[Entry, ...]) -> list[Block]:
             Text(f"{len(misfits) - _MOST_RECORDS} more records are in the table only.", quiet=True)
         )
     return blocks
+
+
+def coloured(entries: Sequence[Entry]) -> str:
+    """Which colour is what: "Black: measured. Orange: model."."""
+    labels = [entry.label for entry in entries] if len(entries) > 1 else ["model"]
+    lines = [f"{colour}: {one}." for colour, one in zip(MODEL_COLOURS, labels, strict=False)]
+    return " ".join(["Black: measured.", *lines])
 
 
 def sentences_on(entry: Entry, record: int) -> tuple[str, ...]:
@@ -230,7 +250,6 @@ def _run(fit: Fit) -> list[Block]:
         for record, accuracy in zip(fit.records, fit.accuracy, strict=True)
     ]
     return [
-        Heading("The run", 3),
         Table(
             (("", tuple(name for name, _ in facts)), ("spent", tuple(text for _, text in facts)))
         ),

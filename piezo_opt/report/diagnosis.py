@@ -6,9 +6,12 @@ from piezo_opt.comparison import Entry, compare
 from piezo_opt.diagnosis import Diagnosis
 from piezo_opt.diagnosis.judge import worded
 from piezo_opt.diagnosis.told import in_words
+from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.report import diagnosis_figures, figures
 from piezo_opt.report.chapters import (
     chapter,
+    coloured,
+    named,
     pictures_of_error,
     records_of,
     sentences_on,
@@ -16,6 +19,7 @@ from piezo_opt.report.chapters import (
 )
 from piezo_opt.report.page import (
     Block,
+    Folded,
     Heading,
     Lead,
     Listing,
@@ -34,14 +38,14 @@ _BLIND = 0.05
 def _diagnosis(diagnosis: Diagnosis) -> list[Block]:
     entries = _before_and_after(diagnosis)
     return [
-        Heading(f"Diagnosis: {diagnosis.verdict}"),
+        Heading(f"Diagnosis of {named(diagnosis.fit.records)}: {diagnosis.verdict}"),
         Lead(diagnosis.headline, good=diagnosis.verdict != "unexplained"),
         Text(f"{diagnosis.noise.sentence} {diagnosis.held_out}".strip(), quiet=True),
-        *records_of(diagnosis.fit.records),
+        *_ladder(diagnosis),
         *_seen(entries),
+        *records_of(diagnosis.fit.records),
         *_where(entries),
         *_suspects(diagnosis),
-        *_ladder(diagnosis),
         *_left_over(diagnosis),
         *_rivals(diagnosis),
         *_final(diagnosis),
@@ -60,16 +64,17 @@ def _seen(entries: tuple[Entry, ...]) -> list[Block]:
     """Measured and modelled; of several records the one that the first model fits worst."""
     k = _worst(entries[0])
     before = " before and after the diagnosis" if len(entries) > 1 else ""
+    colours = coloured(entries)
     return [
         Heading(f"Measured and modelled: {entries[0].misfits[k].record.name}", 3),
-        Picture(figures.loop(entries, k), f"The reading against the drive{before}."),
+        Picture(figures.loop(entries, k), f"The reading against the drive{before}. {colours}"),
         Picture(
             figures.over_time(entries, k),
-            "The reading over time and, below, what the model leaves over.",
+            f"The reading over time and, below, what the model leaves over. {colours}",
         ),
         Picture(
             diagnosis_figures.zoom(entries, k),
-            "The stretch of that record in which the first model's error is largest.",
+            f"The stretch of that record in which the first model's error is largest. {colours}",
         ),
     ]
 
@@ -105,15 +110,22 @@ def _suspects(diagnosis: Diagnosis) -> list[Block]:
         Table(
             (
                 ("effect", tuple(s.name for s in found)),
+                ("what it is", tuple(_meaning(s.name) for s in found)),
                 ("explains", tuple(f"{100 * s.score:.1f} %" for s in found)),
                 ("rms then", tuple(show(s.predicted_rms, "m") for s in found)),
                 ("visible", tuple(diagnosis_figures.percent(s.visibility) for s in found)),
                 ("by chance", tuple(f"{s.p_value:.1e}" for s in found)),
                 ("alike", tuple(_alike(s.overlaps) for s in found)),
             ),
-            prose=("alike",),
+            prose=("what it is", "alike"),
         ),
     ]
+
+
+def _meaning(name: str) -> str:
+    """The field's words for an effect of the catalogue; empty for others."""
+    kind = CATALOGUE.get(name)
+    return "" if kind is None else kind().summary
 
 
 def _alike(overlaps: tuple[tuple[str, float], ...]) -> str:
@@ -137,16 +149,24 @@ def _ladder(diagnosis: Diagnosis) -> list[Block]:
     table = Table(
         (
             ("added", tuple(s.name for s in steps)),
+            ("what it is", tuple(_meaning(s.name) for s in steps)),
             ("rms before", tuple(show(s.rms_before, "m") for s in steps)),
             ("rms after", tuple(show(s.rms_after, "m") for s in steps)),
             ("held out after", tuple(worded(s.held_out_after) for s in steps)),
             ("BIC falls by", tuple(f"{s.delta_bic:.0f}" for s in steps)),
             ("cannot be told from", tuple(", ".join(s.group[1:]) for s in steps)),
         ),
-        prose=("cannot be told from",),
+        prose=("what it is", "cannot be told from"),
     )
     if steps:
-        blocks.append(table)
+        blocks += [
+            table,
+            Text(
+                "Held out: each part of the record as predicted from the others. BIC charges for "
+                "every further parameter: where it falls by ten or more, the step is worth it.",
+                quiet=True,
+            ),
+        ]
     said = []
     if diagnosis.refined:
         said.append(f"Fitted in more detail on the way: {', '.join(diagnosis.refined)}.")
@@ -203,10 +223,9 @@ def _rivals(diagnosis: Diagnosis) -> list[Block]:
 
 def _final(diagnosis: Diagnosis) -> list[Block]:
     return [
-        Heading("The final model", 3),
-        Listing(str(diagnosis.final.model)),
-        Heading("What its numbers are", 3),
+        Heading("What the final model's numbers are", 3),
         *values_of(diagnosis.final),
+        Folded("The final model's equations", (Listing(str(diagnosis.final.model)),)),
     ]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from piezo_opt.errors import InputError
 from piezo_opt.readers.files import replacing
 from piezo_opt.report.chapters import chapter
-from piezo_opt.report.page import page
+from piezo_opt.report.page import Heading, page
 
 __all__ = ["write_report"]
 
@@ -24,7 +24,7 @@ def write_report(
     Args:
         path: of the page; it appears whole or not at all.
         results: fits, comparisons and diagnoses.
-        title: of the page; by default the name of the file.
+        title: of the page; by default the heading of its first chapter.
         overwrite: whether an existing file may be replaced.
 
     Returns:
@@ -40,5 +40,8 @@ def write_report(
     # Asked before anything is drawn; the file is put in place at the end.
     with replacing(file, overwrite=overwrite) as temporary:
         blocks = [block for result in results for block in chapter(result)]
+        first = blocks[0]
+        if title is None and isinstance(first, Heading):
+            title, blocks = first.text, blocks[1:]
         temporary.write_text(page(title or file.stem, blocks), encoding="utf-8")
     return file

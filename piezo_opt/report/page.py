@@ -42,6 +42,8 @@ td.text { white-space: normal; min-width: 90px; }
 td:first-child { white-space: normal; min-width: 130px; }
 pre { background: #fff; border: 1px solid #e0e3e8; padding: 10px 12px; overflow-x: auto;
   font: 13px/1.5 ui-monospace, "DejaVu Sans Mono", monospace; }
+details { margin: 14px 0; }
+summary { cursor: pointer; color: #0072B2; }
 ul { margin: 8px 0; padding-left: 22px; }
 li { margin: 4px 0; }
 """
@@ -145,7 +147,16 @@ class Picture:
     caption: str
 
 
-Block = Heading | Lead | Text | Points | Listing | Table | Picture
+@final
+@dataclass(frozen=True)
+class Folded:
+    """What few readers need, shown when its summary is clicked."""
+
+    summary: str
+    blocks: tuple[Block, ...]
+
+
+Block = Heading | Lead | Text | Points | Listing | Table | Picture | Folded
 
 
 def page(title: str, blocks: Sequence[Block]) -> str:
@@ -191,6 +202,9 @@ def _html(block: Block, key: str) -> str:
             return f"<pre>{escape(text)}</pre>"
         case Table(columns, prose):
             return _table(columns, prose)
+        case Folded(summary, blocks):
+            inside = "\n".join(_html(one, f"{key}-{k}") for k, one in enumerate(blocks))
+            return f"<details><summary>{_said(summary)}</summary>\n{inside}\n</details>"
         case Picture(figure, caption):
             return f"<figure>{svg(figure, key)}<figcaption>{_said(caption)}</figcaption></figure>"
 

@@ -28,6 +28,8 @@ GREY: Final = "#8A8F98"
 
 MODELS: Final = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
 """Colours of models side by side, in the order given; measurements are black."""
+MODEL_COLOURS: Final = ("Orange", "Blue", "Green", "Pink", "Yellow", "Light blue")
+"""What a reader calls them."""
 
 MOST_POINTS: Final = 6000
 """Points of one line beyond which only an envelope is drawn: more would not be seen."""

@@ -122,14 +122,18 @@ def test_it_is_read_from_the_verdict_down(creeping: Diagnosis) -> None:
     blocks = chapter(creeping)
     titles = [b.text.partition(":")[0] for b in blocks if isinstance(b, Heading)]
     wanted = [
-        "Diagnosis", "Measured and modelled", "Where it fails", "Which effect is missing",
-        "The ladder", "The final model", "What its numbers are", "What this record cannot tell",
-        "What to do next",
+        f"Diagnosis of {creeping.fit.records[0].name}",
+        "The ladder", "Measured and modelled", "Where it fails",
+        "Which effect is missing", "What the final model's numbers are",
+        "What this record cannot tell", "What to do next",
     ]  # fmt: skip
     assert [t for t in titles if t in wanted] == wanted
     lead = next(b for b in blocks if isinstance(b, Lead))
     assert lead.text == creeping.headline
     assert lead.good
+    # The field's words stand beside ours.
+    cells = [dict(b.columns) for b in blocks if isinstance(b, Table)]
+    assert any("Kelvin-Voigt" in "".join(one.get("what it is", ())) for one in cells)
     figures = [b.figure for b in blocks if isinstance(b, Picture)]
     assert len(figures) >= 8
     assert all(isinstance(figure, Figure) for figure in figures)
