@@ -119,7 +119,9 @@ def _sentence(misfit: Misfit, spectra: ByFrequency, drive: FloatArray, independe
     pieces = [_tone(misfit, spectra, drive, independent), _band(spectra, independent)]
     if spectra.coherent_share > _COHERENT:
         where = np.nan_to_num(spectra.coherence) * spectra.error
-        centre = float(spectra.frequency[int(np.argmax(where))])
+        centre = _line(
+            misfit, misfit.drive, float(spectra.frequency[int(np.argmax(where))]), spectra
+        )
         pieces.append(
             f"{100 * spectra.coherent_share:.0f} % of the error's power follows the drive "
             f"linearly, most of it near {brief(float(centre), 'Hz')}: gain, lag or "
@@ -155,6 +157,7 @@ def _tone(misfit: Misfit, spectra: ByFrequency, drive: FloatArray, independent: 
     if excess < _TONE * float(np.sum(power)) * spacing:
         return ""
     centre = float(np.sum(frequency[flanks] * power[flanks]) / np.sum(power[flanks]))
+    centre = _line(misfit, misfit.error, centre, spectra)
     amplitude = float(np.sqrt(2.0 * excess))
     text = (
         f"A tone of {brief(amplitude, misfit.record.position_unit)} amplitude stands out at "
@@ -163,6 +166,7 @@ def _tone(misfit: Misfit, spectra: ByFrequency, drive: FloatArray, independent: 
     top = int(np.argmax(drive))
     around = slice(max(top - 2, 0), top + 3)
     main = float(np.sum(frequency[around] * drive[around]) / np.sum(drive[around]))
+    main = _line(misfit, misfit.drive, main, spectra)
     order = round(centre / main)
     share = float(drive.max() / drive.sum())
     if 2 <= order <= _HARMONICS and share > 0.2 and abs(centre - order * main) < spectra.resolution:
@@ -172,6 +176,26 @@ def _tone(misfit: Misfit, spectra: ByFrequency, drive: FloatArray, independent: 
     ):
         text += ", the mains"
     return text + "."
+
+
+def _line(misfit: Misfit, signal: FloatArray, near: float, spectra: ByFrequency) -> float:
+    """The signal's strongest line near a frequency [Hz], in one spectrum of the whole record.
+
+    The averaged spectra are coarse; this one tells the line itself, by the vertex of a parabola
+    through the logarithms of three bins.
+    """
+    part = _longest_even(misfit.time, misfit.record.step)
+    values = signal[part]
+    bin_ = misfit.record.rate / values.size
+    size = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(values.size)))
+    low = max(2, int(np.ceil((near - spectra.resolution) / bin_)))
+    high = min(size.size - 1, int((near + spectra.resolution) / bin_) + 1)
+    if high <= low:
+        return near
+    k = low + int(np.argmax(size[low:high]))
+    left, middle, right = np.log(size[k - 1 : k + 2] + 1e-300)
+    bend = left - 2.0 * middle + right
+    return float((k + (0.5 * (left - right) / bend if bend < 0.0 else 0.0)) * bin_)
 
 
 def _band(spectra: ByFrequency, independent: float) -> str:

@@ -134,7 +134,7 @@ def test_mechanics_that_were_found_are_not_said_to_be_unseen(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The first fit saw none; the sentence on that holds until the ladder finds them."""
-    remark = "the mechanics are taken as quasi-static"
+    remark = "the record shows no resonance"
     monkeypatch.setattr("piezo_opt.cli.inputs.default_model", lambda _: (STILL, (remark,)))
     withheld = [word for name in but("creep") for word in ("--withhold", name)]
     for base in (MOVING, STILL):

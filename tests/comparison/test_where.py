@@ -61,6 +61,18 @@ def test_a_bias_on_the_unloading_branch() -> None:
     assert found.loading_count.sum() + found.unloading_count.sum() == TIME.size
 
 
+def test_a_frequency_that_is_said_is_the_drives_own() -> None:
+    """And not the middle of the averaged spectrum's bins, which are 4 Hz wide here."""
+    time = np.arange(2000) / 1000.0
+    drive = 50 + 40 * np.sin(2 * np.pi * 8.7 * time)
+    noise = 1e-9 * np.random.default_rng(4).standard_normal(time.size)
+    record = Measurement(time, drive, 1e-7 * drive + noise)
+    found = where(Misfit(record, 0.98e-7 * drive)).by_frequency
+    assert found.frequency[1] - found.frequency[0] == pytest.approx(4.0)
+    told = float(found.sentence.split("most of it near ")[1].split(" Hz")[0])
+    assert told == pytest.approx(8.7, abs=0.02)
+
+
 def test_a_tone_of_37_hz() -> None:
     found = where(planted("wandering", lambda t, _: 3e-8 * np.sin(2 * np.pi * 37.0 * t)))
     assert "at 37 Hz" in found.by_frequency.sentence
