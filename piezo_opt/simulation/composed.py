@@ -451,7 +451,9 @@ class ComposedEngine:
         found = next((code for code in self._codes if code.suits(s)), None)
         if found is None and self._machine:
             found = self._translated(s, None, None)
-            if found is not None:
+            if found is None:
+                self._machine = False  # nor would there be any the next time
+            else:
                 self._codes = (*self._codes, found)  # replaced as a whole: threads may race
         return found
 

@@ -508,114 +508,98 @@ static void weigh(const po_plan *const p, const po_memory *const m, po_lengths *
     l->W[nw + 1] = hT;
 }
 
-/* Whether a reading takes the sum of squares above the most that is wanted. */
-INLINE int beyond(const po_wanted *const to, const long k, double *const squares)
+/* Keeps reading k, the derivatives of which lie a line behind it; whether that takes the sum of squares
+   above the most that is wanted. */
+INLINE int taken(const po_plan *const p, const po_memory *const m, const po_wanted *const to,
+                 const long k, const double *const read, double *const squares, const long N)
 {
+    const double y = to->Y[k] = *read;
+    if (N) copied(to->J + k * to->D, (const po_row *)(read + 8), to->D);
+    if (to->XO)
+        for (int64_t a = 0; a < p->states; ++a)
+            to->XO[k * p->states + a] = *number(m, p->state + a, N);
     if (!to->M || to->M[k] != to->M[k]) return 0;
-    *squares += (to->Y[k] - to->M[k]) * (to->Y[k] - to->M[k]);
+    *squares += (y - to->M[k]) * (y - to->M[k]);
     return !(*squares <= to->most);
 }
 
-INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
-                 const po_segments *const s, const po_wanted *const to, const int delayed,
-                 const long N, const po_code *const code)
+/* What is read may be a state as it stands. */
+INLINE int reads(const po_plan *const p)
 {
-    po_machine *const step = code ? code->step : NULL;
-    const int several = code && code->count > 1 && !to->XO ? (int)code->count : 0;
-    const int64_t nx = p->states, nc = p->channels, nw = p->n_weights;
-    double c[nc + 1], cT[nc + 1], squares = 0.0, h = 0.0, hT = 0.0, length = -1.0;
-    double *const time = number(m, p->time, N), *const drive = number(m, p->drive, N);
-    double *const slope = number(m, p->slope, N), *const channel = number(m, p->channel, N);
-    double *const channel_slope = number(m, p->channel_slope, N), *const instant = m->instant;
-    const double *const read = number(m, p->read, N);
-    const int64_t wide = STRIDE(N) / 8, place_too = nc || delayed;
-    /* What is read may be a state as it stands. */
-    const int reads = p->reading.count || p->read < p->state || p->read >= p->state + nx;
-    int cut_before = -1;
-    po_lengths l = {m->kept, m->K, 0, 0};
+    return p->reading.count || p->read < p->state || p->read >= p->state + p->states;
+}
 
+static void prepare_all(const po_plan *const p, const po_memory *const m, const long N)
+{
     prepare(p, m, p->once, N);
     evaluate(p, m, p->once, N);
     prepare(p, m, p->weigh, N);
     prepare(p, m, p->stage, N);
     prepare(p, m, p->reading, N);
     prepare(p, m, p->jump, N);
+}
+
+/* Where a segment begins. */
+INLINE po_instant instant_of(const po_plan *const p, const po_segments *const s, const long j,
+                             double *const c, double *const cT, const int delayed)
+{
+    const int64_t nc = p->channels;
+    po_instant i = {s->T[j], s->U[j], s->DU[j], 0.0, 0.0, c, s->DC + j * nc, cT};
+    for (int64_t a = 0; a < nc; ++a) c[a] = s->C[j * nc + a];
+    if (delayed) {
+        i.tT = s->TT[j];
+        i.uT = s->UT[j];
+        for (int64_t a = 0; a < nc; ++a) cT[a] = s->CT[j * nc + a];
+    }
+    return i;
+}
+
+INLINE void advance(const po_plan *const p, po_instant *const i, double *const c, double *const cT,
+                    const double h, const double hT, const int delayed)
+{
+    i->t += h;
+    i->u += i->du * h;
+    for (int64_t a = 0; a < p->channels; ++a) c[a] += i->dc[a] * h;
+    if (!delayed) return;
+    i->tT += hT;
+    i->uT += i->du * hT;
+    for (int64_t a = 0; a < p->channels; ++a) cT[a] += i->dc[a] * hT;
+}
+
+/* Function by function. Returns whether it came to the end. */
+INLINE int walk(const po_plan *const p, const po_memory *const m, const long n,
+                const po_segments *const s, const po_wanted *const to, const int delayed,
+                const long N)
+{
+    const int64_t nc = p->channels;
+    double c[nc + 1], cT[nc + 1], squares = 0.0;
+    const double *const read = number(m, p->read, N);
+    po_lengths l = {m->kept, m->K, 0, 0};
+
+    prepare_all(p, m, N);
     for (long j = 0; j < n; ++j) {
         const int cuts = s->NSUB[j];
-        if (s->H[j] != length || cuts != cut_before || delayed) {
-            length = s->H[j];
-            cut_before = cuts;
-            h = cuts > 0 ? length / cuts : 0.0;
-            hT = delayed && cuts > 0 ? s->HT[j] / cuts : 0.0;
-            instant[0] = h;
-            instant[1] = hT;
-            if (nw) weigh(p, m, &l, h, hT, N);
-        }
-        if (several && j + several <= n && cuts == 1 && s->OBS[j] >= 0) {
-            int same = 1;
-            for (int a = 1; a < several; ++a)
-                same &= s->NSUB[j + a] == 1 && s->OBS[j + a] == s->OBS[j] + a
-                    && (!nw || s->H[j + a] == length);
-            if (same) {
-                const long k = s->OBS[j];
-                for (int a = 0; a < several; ++a) {
-                    m->several[4 * a] = s->T[j + a];
-                    m->several[4 * a + 1] = s->U[j + a];
-                    m->several[4 * a + 2] = s->DU[j + a];
-                    m->several[4 * a + 3] = s->H[j + a];
-                }
-                code->several(m->b, l.W, l.WR);
-                for (int a = 0; a < several; ++a) {
-                    const double *const one = m->read + a * wide;
-                    to->Y[k + a] = *one;
-                    if (N) copied(to->J + (k + a) * to->D, (const po_row *)(one + 8), to->D);
-                    if (beyond(to, k + a, &squares)) return;
-                }
-                j += several - 1;
-                continue;
-            }
-        }
-        po_instant i = {s->T[j], s->U[j], s->DU[j], 0.0, 0.0, c, s->DC + j * nc, cT};
-        for (int64_t a = 0; a < nc; ++a) {
-            c[a] = s->C[j * nc + a];
-            channel_slope[a * wide] = i.dc[a];
-        }
-        if (delayed) {
-            i.tT = s->TT[j];
-            i.uT = s->UT[j];
-            for (int64_t a = 0; a < nc; ++a) cT[a] = s->CT[j * nc + a];
-        }
-        *slope = i.du;
-/* The instant's numbers for machine code. */
-#define PLACE                                                                                      \
-    *time = i.t;                                                                                   \
-    *drive = i.u;                                                                                  \
-    if (place_too) {                                                                               \
-        for (int64_t a = 0; a < nc; ++a) channel[a * wide] = c[a];                                 \
-        instant[2] = i.tT;                                                                         \
-        instant[3] = i.uT;                                                                         \
-        for (int64_t a = 0; a < nc && delayed; ++a) instant[4 + a] = cT[a];                        \
-    }
+        const double h = cuts > 0 ? s->H[j] / cuts : 0.0;
+        const double hT = delayed && cuts > 0 ? s->HT[j] / cuts : 0.0;
+        if (p->n_weights) weigh(p, m, &l, h, hT, N);
+        po_instant i = instant_of(p, s, j, c, cT, delayed);
+        for (int64_t a = 0; a < nc; ++a) *number(m, p->channel_slope + a, N) = i.dc[a];
+        *number(m, p->slope, N) = i.du;
         for (int cut = 0; cut < cuts; ++cut) {
 #define STAGE(s, past, pastT)                                                                      \
     place(p, m, &i, past, pastT, delayed, N);                                                      \
     evaluate(p, m, p->stage, N);                                                                   \
     block_rates(p, m, s, N);                                                                       \
     move(p, m, s, h, hT, delayed, N);
-            if (step) {
-                PLACE
-                step(m->b, l.W, l.WR);
-            } else {
-                STAGE(0, 0.0, 0.0)
-                block_stages(p, m, l.W, l.WR, 0, N);
-                STAGE(1, 0.5 * h, 0.5 * hT)
-                block_stages(p, m, l.W, l.WR, 1, N);
-                STAGE(2, 0.5 * h, 0.5 * hT)
-                block_stages(p, m, l.W, l.WR, 2, N);
-                STAGE(3, h, hT)
-                block_ends(p, m, l.W, l.WR, N);
-            }
-            if (p->n_jumping && !step) {
+            STAGE(0, 0.0, 0.0)
+            block_stages(p, m, l.W, l.WR, 0, N);
+            STAGE(1, 0.5 * h, 0.5 * hT)
+            block_stages(p, m, l.W, l.WR, 1, N);
+            STAGE(2, 0.5 * h, 0.5 * hT)
+            block_stages(p, m, l.W, l.WR, 2, N);
+            STAGE(3, h, hT)
+            block_ends(p, m, l.W, l.WR, N);
+            if (p->n_jumping) {
                 double became[p->n_jumping];
                 po_row BECAME[N * p->n_jumping + 1];
                 evaluate(p, m, p->jump, N);
@@ -628,35 +612,107 @@ INLINE void walk(const po_plan *const p, const po_memory *const m, const long n,
                     ROWS rows(m, p->jumping[a], N)[g] = BECAME[N * a + g];
                 }
             }
-            i.t += h;
-            i.u += i.du * h;
-            for (int64_t a = 0; a < nc; ++a) c[a] += i.dc[a] * h;
-            if (delayed) {
-                i.tT += hT;
-                i.uT += i.du * hT;
-                for (int64_t a = 0; a < nc; ++a) cT[a] += i.dc[a] * hT;
-            }
+            advance(p, &i, c, cT, h, hT, delayed);
         }
-        const long k = s->OBS[j];
-        if (k < 0) continue;
-        if (reads && step) {
-            PLACE
-            code->reading(m->b, l.W, l.WR);
-        } else if (reads) {
-            place(p, m, &i, 0.0, 0.0, delayed, N);
-            evaluate(p, m, p->reading, N);
-        }
-        to->Y[k] = *read;
-        if (N) copied(to->J + k * to->D, (const po_row *)(read + 8), to->D);
-        if (beyond(to, k, &squares)) return;
-        if (to->XO)
-            for (int64_t a = 0; a < nx; ++a) to->XO[k * nx + a] = *number(m, p->state + a, N);
+        if (s->OBS[j] < 0) continue;
+        place(p, m, &i, 0.0, 0.0, delayed, N);
+        if (reads(p)) evaluate(p, m, p->reading, N);
+        if (taken(p, m, to, s->OBS[j], read, &squares, N)) return 0;
     }
-    for (int64_t a = 0; a < nx; ++a) {
-        to->X[a] = *number(m, p->state + a, N);
-        if (N) memcpy(to->S + a * to->D, rows(m, p->state + a, N), to->D * sizeof(double));
-    }
+    return 1;
 }
+
+#ifdef PO_MACHINE
+/* Numbers of an instant where machine code looks for them. */
+INLINE void placed(const po_plan *const p, const po_memory *const m, const po_instant *const i,
+                   const int delayed, const long N)
+{
+    *number(m, p->time, N) = i->t;
+    *number(m, p->drive, N) = i->u;
+    for (int64_t a = 0; a < p->channels; ++a) *number(m, p->channel + a, N) = i->c[a];
+    if (!delayed) return;
+    m->instant[2] = i->tT;
+    m->instant[3] = i->uT;
+    for (int64_t a = 0; a < p->channels; ++a) m->instant[4 + a] = i->cT[a];
+}
+
+/* By machine code. Sub-steps wait until there are several, if they may be done at once. */
+static int walk_machine(const po_plan *const p, const po_memory *const m, const long n,
+                        const po_segments *const s, const po_wanted *const to, const int delayed,
+                        const long N)
+{
+    const po_code *const code = to->code;
+    const int64_t nc = p->channels, nw = p->n_weights, wide = STRIDE(N) / 8;
+    const int several = code->count > 1 && !to->XO ? (int)code->count : 0, read_too = reads(p);
+    const double *const read = number(m, p->read, N);
+    double *const slope = number(m, p->slope, N), *const instant = m->instant;
+    double c[nc + 1], cT[nc + 1], squares = 0.0, h = 0.0, hT = 0.0, length = -1.0;
+    long waits[SEVERAL];
+    int waiting = 0, cut_before = -1;
+    po_lengths l = {m->kept, m->K, 0, 0};
+
+    prepare_all(p, m, N);
+    for (long j = 0; j <= n; ++j) {
+        const int cuts = j < n ? s->NSUB[j] : 0;
+        const int other = j == n || s->H[j] != length || cuts != cut_before;
+        if (waiting && (cuts == 0 || (other && nw))) { /* do what waits one by one */
+            for (int a = 0; a < waiting; ++a) {
+                const double *const one = m->several + 4 * a;
+                po_instant i = {one[0], one[1], one[2], 0.0, 0.0, c, NULL, cT};
+                placed(p, m, &i, 0, N);
+                *slope = i.du;
+                instant[0] = one[3];
+                code->step(m->b, l.W, l.WR);
+                advance(p, &i, c, cT, one[3], 0.0, 0);
+                if (waits[a] < 0) continue;
+                placed(p, m, &i, 0, N);
+                if (read_too) code->reading(m->b, l.W, l.WR);
+                if (taken(p, m, to, waits[a], read, &squares, N)) return 0;
+            }
+            waiting = 0;
+        }
+        if (j == n) break;
+        if (other || delayed) {
+            length = s->H[j];
+            cut_before = cuts;
+            h = cuts > 0 ? length / cuts : 0.0;
+            hT = delayed && cuts > 0 ? s->HT[j] / cuts : 0.0;
+            if (nw) weigh(p, m, &l, h, hT, N);
+        }
+        po_instant i = instant_of(p, s, j, c, cT, delayed);
+        if (several && cuts > 0) {
+            for (int cut = 0; cut < cuts; ++cut) {
+                double *const one = m->several + 4 * waiting;
+                one[0] = i.t, one[1] = i.u, one[2] = i.du, one[3] = h;
+                waits[waiting++] = cut == cuts - 1 ? s->OBS[j] : -1;
+                i.t += h;
+                i.u += i.du * h;
+                if (waiting < several) continue;
+                code->several(m->b, l.W, l.WR);
+                waiting = 0;
+                for (int a = 0; a < several; ++a)
+                    if (waits[a] >= 0
+                        && taken(p, m, to, waits[a], m->read + a * wide, &squares, N)) return 0;
+            }
+            continue;
+        }
+        *slope = i.du;
+        instant[0] = h;
+        instant[1] = hT;
+        for (int64_t a = 0; a < nc; ++a) *number(m, p->channel_slope + a, N) = i.dc[a];
+        for (int cut = 0; cut < cuts; ++cut) {
+            placed(p, m, &i, delayed, N);
+            code->step(m->b, l.W, l.WR);
+            advance(p, &i, c, cT, h, hT, delayed);
+        }
+        if (s->OBS[j] < 0) continue;
+        placed(p, m, &i, delayed, N);
+        if (read_too) code->reading(m->b, l.W, l.WR);
+        if (taken(p, m, to, s->OBS[j], read, &squares, N)) return 0;
+    }
+    return 1;
+}
+#endif
 
 /* n segments: length H [s], sub-steps NSUB, start time T, drive U with slope DU, channels C with
    slopes DC (row-major), derivatives by the delay HT, UT, TT, CT; OBS is the index of the reading
@@ -681,14 +737,20 @@ int po_run(const po_plan *const p, const long n, const po_segments *const s,
     }
     if (to->CLOCKS) for (long d = 0; d < D; ++d) ((double *)m->clock)[d] = to->CLOCKS[d];
     const int delayed = to->CLOCKS && N;
-    if (to->code) walk(p, m, n, s, to, delayed, N, to->code);
-#ifndef PO_MACHINE /* else this is for processors that are too old, and for tests */
-    else if (N == 0) walk(p, m, n, s, to, 0, 0, NULL);
-    else if (N == 1 && !delayed) walk(p, m, n, s, to, 0, 1, NULL);
-    else if (N == 2 && !delayed) walk(p, m, n, s, to, 0, 2, NULL);
-    else if (N == 3 && !delayed) walk(p, m, n, s, to, 0, 3, NULL);
+    int ended = 0;
+#ifdef PO_MACHINE /* else it is for processors that are too old, and for tests */
+    if (to->code) ended = walk_machine(p, m, n, s, to, delayed, N);
+#else
+    if (N == 0) ended = walk(p, m, n, s, to, 0, 0);
+    else if (N == 1 && !delayed) ended = walk(p, m, n, s, to, 0, 1);
+    else if (N == 2 && !delayed) ended = walk(p, m, n, s, to, 0, 2);
+    else if (N == 3 && !delayed) ended = walk(p, m, n, s, to, 0, 3);
 #endif
-    else walk(p, m, n, s, to, delayed, N, NULL);
+    else ended = walk(p, m, n, s, to, delayed, N);
+    for (int64_t a = 0; ended && a < p->states; ++a) {
+        to->X[a] = *number(m, p->state + a, N);
+        if (N) memcpy(to->S + a * D, rows(m, p->state + a, N), D * sizeof(double));
+    }
     free(all);
     return 0;
 }
