@@ -67,9 +67,14 @@ class Entry:
         several = len(self.misfits) > 1
         return tuple(
             f"{one.record.name}: {text}" if several else text
-            for one, places, noise in zip(self.misfits, self.where, self.whiteness, strict=True)
-            for text in (_largest(one), *places.sentences, noise.sentence)
+            for k, one in enumerate(self.misfits)
+            for text in self.sentences_of(k)
         )
+
+    def sentences_of(self, record: int) -> tuple[str, ...]:
+        """The sentences of one record alone."""
+        places, noise = self.where[record], self.whiteness[record]
+        return (_largest(self.misfits[record]), *places.sentences, noise.sentence)
 
 
 @final

@@ -140,7 +140,7 @@ def _pictures(entries: tuple[Entry, ...]) -> list[Block]:
         for entry in entries:
             if len(entries) > 1:
                 blocks.append(Text(f"{entry.label}:"))
-            blocks.append(Points(sentences_on(entry, k)))
+            blocks.append(Points(entry.sentences_of(k)))
         blocks += pictures_of_error(entries, k)
     if len(misfits) > _MOST_RECORDS:
         blocks.append(
@@ -154,11 +154,6 @@ def coloured(entries: Sequence[Entry]) -> str:
     labels = [entry.label for entry in entries] if len(entries) > 1 else ["model"]
     lines = [f"{colour}: {one}." for colour, one in zip(MODEL_COLOURS, labels, strict=False)]
     return " ".join(["Black: measured.", *lines])
-
-
-def sentences_on(entry: Entry, record: int) -> tuple[str, ...]:
-    one = Entry(entry.label, entry.fit, (entry.misfits[record],), entry.held_out)
-    return one.sentences
 
 
 def pictures_of_error(entries: tuple[Entry, ...], record: int) -> list[Block]:

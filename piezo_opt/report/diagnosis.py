@@ -14,7 +14,6 @@ from piezo_opt.report.chapters import (
     named,
     pictures_of_error,
     records_of,
-    sentences_on,
     values_of,
 )
 from piezo_opt.report.page import (
@@ -84,7 +83,7 @@ def _where(entries: tuple[Entry, ...]) -> list[Block]:
     first = entries[0]
     return [
         Heading(f"Where it fails: {first.misfits[k].record.name}", 3),
-        Points(sentences_on(first, k)),
+        Points(first.sentences_of(k)),
         *pictures_of_error(entries, k),
     ]
 
