@@ -653,6 +653,26 @@ static int walk_machine(const po_plan *const p, const po_memory *const m, const 
 
     prepare_all(p, m, N);
     for (long j = 0; j <= n; ++j) {
+        if (several && !waiting && j + several <= n) { /* the usual: a sub-step a sample */
+            int usual = 1;
+            for (int a = 0; a < several; ++a)
+                usual &= s->NSUB[j + a] == 1
+                    && (!nw || (s->H[j + a] == length && cut_before == 1));
+            if (usual) {
+                for (int a = 0; a < several; ++a) {
+                    double *const one = m->several + 4 * a;
+                    one[0] = s->T[j + a], one[1] = s->U[j + a], one[2] = s->DU[j + a];
+                    one[3] = s->H[j + a];
+                }
+                code->several(m->b, l.W, l.WR);
+                for (int a = 0; a < several; ++a)
+                    if (s->OBS[j + a] >= 0
+                        && taken(p, m, to, s->OBS[j + a], m->read + a * wide, &squares, N))
+                        return 0;
+                j += several - 1;
+                continue;
+            }
+        }
         const int cuts = j < n ? s->NSUB[j] : 0;
         const int other = j == n || s->H[j] != length || cuts != cut_before;
         if (waiting && (cuts == 0 || (other && nw))) { /* do what waits one by one */
@@ -679,14 +699,15 @@ static int walk_machine(const po_plan *const p, const po_memory *const m, const 
             hT = delayed && cuts > 0 ? s->HT[j] / cuts : 0.0;
             if (nw) weigh(p, m, &l, h, hT, N);
         }
-        po_instant i = instant_of(p, s, j, c, cT, delayed);
         if (several && cuts > 0) {
+            const double du = s->DU[j];
+            double t = s->T[j], u = s->U[j];
             for (int cut = 0; cut < cuts; ++cut) {
                 double *const one = m->several + 4 * waiting;
-                one[0] = i.t, one[1] = i.u, one[2] = i.du, one[3] = h;
+                one[0] = t, one[1] = u, one[2] = du, one[3] = h;
                 waits[waiting++] = cut == cuts - 1 ? s->OBS[j] : -1;
-                i.t += h;
-                i.u += i.du * h;
+                t += h;
+                u += du * h;
                 if (waiting < several) continue;
                 code->several(m->b, l.W, l.WR);
                 waiting = 0;
@@ -696,6 +717,7 @@ static int walk_machine(const po_plan *const p, const po_memory *const m, const 
             }
             continue;
         }
+        po_instant i = instant_of(p, s, j, c, cT, delayed);
         *slope = i.du;
         instant[0] = h;
         instant[1] = hT;
