@@ -48,8 +48,8 @@ def test_the_contract_is_kept(copy: Path) -> None:
     ("file", "line", "broken"),
     [
         ("units.py", "from piezo_opt.simulation import simulate", "Imports point one way"),
-        ("effects/base.py", "import piezo_opt.assembly", "Imports point one way"),
-        ("effects/base.py", "import casadi", "CasADi stays behind its border"),
+        ("effects/effect.py", "import piezo_opt.assembly", "Imports point one way"),
+        ("effects/effect.py", "import casadi", "CasADi stays behind its border"),
         ("measurement/record.py", "import matplotlib.pyplot", "Only the report draws"),
         ("attic.py", "", "Imports point one way"),
     ],

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
-from piezo_opt.effects.base import Effect, Parameter, Place
+from piezo_opt.effects.declare import Parameter, Place
 from piezo_opt.errors import ModelError
+
+if TYPE_CHECKING:
+    from piezo_opt.effects.effect import Effect
 
 _ARROWS = {
     Place.INPUT: "drive v",
@@ -58,7 +61,7 @@ class Model:
             for _, effect in other.named:
                 model = model + effect
             return model
-        if not isinstance(other, Effect):
+        if isinstance(other, type) or not hasattr(other, "check_frozen"):
             return NotImplemented
         other.check_frozen()
         name, count = other.name, 1
