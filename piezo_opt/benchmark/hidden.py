@@ -1,7 +1,10 @@
 """The hidden-effect bench: is the missing effect named, on plants that share no code with us.
 
-Each record is made by an independent plant (``benchmark.plants``), fitted with the default model,
-and diagnosed with a second record of the same plant to judge on. What is asked of the answer:
+Each record is made by an independent plant, fitted with the default model, and diagnosed with a
+second record of the same plant to judge on. There are two families of plants by different hands
+(``benchmark.plants``, ``benchmark.foreign``); of the second, every other record is diagnosed
+alone, and run blind it judges a diagnosis that was tuned on the first. What is asked of the
+answer:
 
 - one effect hidden: the first accepted effect's *group* (what the record cannot tell it from)
   holds the truth; better, its *member* is the truth, lags, delay and sensor lag counting as one;
@@ -19,6 +22,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from itertools import islice
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Final, TextIO, final
@@ -26,9 +30,10 @@ from zlib import crc32
 
 import numpy as np
 
+from piezo_opt.benchmark.families import FAMILIES, FamilyName, Pair, PlantRecord
 from piezo_opt.benchmark.jobs import Counted, run_jobs
-from piezo_opt.benchmark.plants import CLASSES, OUTSIDE, HiddenRecord, Level, make
-from piezo_opt.benchmark.plants.classes import INSIDE
+from piezo_opt.benchmark.plants import Level
+from piezo_opt.benchmark.refit_everything import refit_everything
 from piezo_opt.benchmark.table import table
 from piezo_opt.diagnosis import diagnose
 from piezo_opt.diagnosis.judge import Judge
@@ -49,6 +54,9 @@ FORMS: Final = {
 """Classes that hide another form of a row of the catalogue than the class of its name."""
 WITHHELD: Final = {"interferometer_fringes": "sensor_nonlinearity"}
 """Classes that are outside the catalogue only while its row is withheld."""
+_OUTSIDE: Final = frozenset(name for family in FAMILIES.values() for name in family.outside)
+_FEWEST: Final = 8
+"""Classes that a blind run has at least: the totals of fewer would tell of one of them."""
 _DISTINCT: Final = 1.0
 """What each effect of a pair must leave, over the noise, that the other cannot imitate."""
 _PAIRS: Final = 60
@@ -73,6 +81,10 @@ class Judged:
         baseline, final, held_out: rms error over the true noise, of the fitted record without
             and with what was accepted, and of the other record with it.
         making, fitting, diagnosing: seconds.
+        alone: whether it was diagnosed without the other record.
+        plainest: what refitting with each effect of the catalogue names, "" for nothing; None
+            where that was not asked for.
+        refitting: seconds it took.
         error: why there is no answer; empty where there is one.
     """
 
@@ -95,6 +107,9 @@ class Judged:
     making: float = 0.0
     fitting: float = 0.0
     diagnosing: float = 0.0
+    alone: bool = False
+    plainest: str | None = None
+    refitting: float = 0.0
     error: str = ""
 
     @property
@@ -102,7 +117,7 @@ class Judged:
         """ "none", "one", "two" or "outside"."""
         if not self.effects:
             return "none"
-        if set(self.effects) & set(OUTSIDE):
+        if set(self.effects) & _OUTSIDE:
             return "outside"
         return "one" if len(self.effects) == 1 else "two"
 
@@ -156,10 +171,14 @@ class HiddenTable:
     Attributes:
         level: size of the effects, "standard" (3..30 times the noise) or "hard" (0.7..3).
         rows: one for each record, classes in the order asked for, then by seed.
+        family: of the plants.
+        blind: whether only totals are told, so that nobody tunes on a record or a class.
     """
 
     level: Level
     rows: tuple[Judged, ...]
+    family: FamilyName = "own"
+    blind: bool = False
 
     @property
     def confusion(self) -> dict[str, dict[str, int]]:
@@ -189,7 +208,16 @@ class HiddenTable:
                 by["outside"], lambda r: r.verdict != "missing"
             ),
         }
+        for sort, name, holds in _PLAINEST:
+            rows = [r for r in by[sort] if r.plainest is not None]
+            asked[name] = sum(holds(r) for r in rows), len(rows)
         return {name: (held, of) for name, (held, of) in asked.items() if of}
+
+    @property
+    def group_size(self) -> float:
+        """Mean number of names in the first answer's group, of records with one effect hidden."""
+        sizes = [len(r.groups[0]) for r in self.rows if r.sort == "one" and r.groups]
+        return float(np.mean(sizes)) if sizes else float("nan")
 
     @property
     def over_noise(self) -> tuple[float, float]:
@@ -204,23 +232,52 @@ class HiddenTable:
         return float(np.median(fitted)), float(np.median(held))
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data with a ``schema`` key."""
+        """Plain data with a ``schema`` key; only totals where it is blind."""
         fitted, held = self.over_noise
-        return {
+        told: dict[str, Any] = {
             "schema": SCHEMA,
+            "family": self.family,
             "level": self.level,
             "records": len(self.rows),
             "failed": sum(bool(r.error) for r in self.rows),
             "shares": {name: {"held": h, "of": n} for name, (h, n) in self.shares.items()},
-            "confusion": self.confusion,
+            "group_size": self.group_size,
             "final_over_noise": fitted,
             "held_out_over_noise": held,
             "median_seconds": _median([r.diagnosing for r in self.rows]),
-            "rows": [{**asdict(r), "answer": r.answer, "right": r.right} for r in self.rows],
         }
+        if self.blind:
+            return told
+        rows = [{**asdict(r), "answer": r.answer, "right": r.right} for r in self.rows]
+        return {**told, "confusion": self.confusion, "rows": rows}
 
     def __str__(self) -> str:
-        lines = [f"{len(self.rows)} records, level {self.level}", ""]
+        lines = [f"{len(self.rows)} records, level {self.level}, {self.family} plants", ""]
+        if not self.blind:
+            lines += [self._by_class(), ""]
+        lines += [
+            f"{name:<40} {100.0 * held / of:5.1f} %  ({held} of {of})"
+            for name, (held, of) in self.shares.items()
+        ]
+        if np.isfinite(self.group_size):
+            lines.append(f"a first group holds {self.group_size:.2f} names (mean, one hidden)")
+        fitted, held_out = self.over_noise
+        seconds = [r.diagnosing for r in self.rows]
+        lines += [
+            f"rms after the ladder over the true noise, median: {fitted:.3f} fitted, "
+            f"{held_out:.3f} held out",
+            f"a diagnosis takes {_median(seconds):.1f} s (median), {max(seconds):.1f} s at most",
+        ]
+        refitting = [r.refitting for r in self.rows if r.plainest is not None]
+        if refitting:
+            lines.append(f"refitting with every effect takes {_median(refitting):.1f} s (median)")
+        failed = [r for r in self.rows if r.error]
+        if self.blind:
+            return "\n".join([*lines, f"failed: {len(failed)}"] if failed else lines)
+        lines += [f"failed: {r.label}, seed {r.seed}: {r.error.splitlines()[-1]}" for r in failed]
+        return "\n".join(lines)
+
+    def _by_class(self) -> str:
         cells = []
         for label, answers in self.confusion.items():
             own = [r for r in self.rows if r.label == label]
@@ -235,27 +292,18 @@ class HiddenTable:
                 )
             )
         head = ("hidden", "right", "rms/noise", "held out", "s", "answers")
-        lines += [table(head, cells), ""]
-        lines += [
-            f"{name:<38} {100.0 * held / of:5.1f} %  ({held} of {of})"
-            for name, (held, of) in self.shares.items()
-        ]
-        fitted, held_out = self.over_noise
-        seconds = [r.diagnosing for r in self.rows]
-        lines += [
-            f"rms after the ladder over the true noise, median: {fitted:.3f} fitted, "
-            f"{held_out:.3f} held out",
-            f"a diagnosis takes {_median(seconds):.1f} s (median), {max(seconds):.1f} s at most",
-        ]
-        lines += [
-            f"failed: {r.label}, seed {r.seed}: {r.error.splitlines()[-1]}"
-            for r in self.rows
-            if r.error
-        ]
-        return "\n".join(lines)
+        return table(head, cells)
 
 
 _SORTS: Final = ("none", "one", "two", "outside")
+_PLAINEST: Final[tuple[tuple[str, str, Callable[[Judged], bool]], ...]] = (
+    (
+        "one", "one hidden: refits alone name the member",
+        lambda r: _pooled(r.plainest or "") in {_pooled(e) for e in r.effects},
+    ),
+    ("none", "nothing hidden: refits alone say so", lambda r: r.plainest == ""),
+)  # fmt: skip
+"""What is asked of refitting with every effect: the sort of record, its name, whether it held."""
 
 
 @final
@@ -266,6 +314,8 @@ class _Job:
     level: Level
     samples: int
     threads: int
+    family: FamilyName = "own"
+    plainest: bool = False
 
 
 def hidden_bench(
@@ -278,11 +328,14 @@ def hidden_bench(
     executor: Executor | None = None,
     progress: Counted | None = None,
     log: Path | None = None,
+    family: FamilyName = "own",
+    blind: bool = False,
+    baseline: bool = False,
 ) -> HiddenTable:
     """Diagnose records with hidden effects, and judge the answers.
 
     Args:
-        classes: of ``plants.CLASSES``, "two" for a pair that changes with the seed, or a pair
+        classes: of the family's ``CLASSES``, "two" for a pair that changes with the seed, or a pair
             by name, "creep+delay"; all classes and "two" unless given.
         seeds: records of each class.
         level: size of the effects: "standard" 3 to 30 times the noise, "hard" 0.7 to 3 times.
@@ -291,26 +344,44 @@ def hidden_bench(
         executor: runs the records in parallel; each of them then keeps to one thread.
         progress: called with (records done, records in all).
         log: a file that keeps finished records, one a line; a second run goes on from it.
+        family: of the plants: "own", or "foreign", by another hand.
+        blind: tell only totals, of eight classes at least; nothing is logged.
+        baseline: ask the plainest search, too: refit with each effect, and take the best.
 
     Returns:
         the table, or the table of what was done when interrupted (Ctrl-C).
 
     Raises:
-        InputError: an unknown class, no seeds, or a log of another run.
+        InputError: an unknown class, no seeds, a log of another run, or a blind run that has a
+            log or few classes.
     """
-    labels = (*CLASSES, TWO) if classes is None else tuple(dict.fromkeys(classes))
+    known = (*FAMILIES[family].classes, TWO)
+    labels = known if classes is None else tuple(dict.fromkeys(classes))
     for label in labels:
         for name in label.split("+"):
-            if name not in CLASSES and label != TWO:
+            if name not in known or (name == TWO and label != TWO):
                 raise InputError(
-                    f"There is no class '{name}': there are {', '.join((*CLASSES, TWO))}, and "
+                    f"There is no class '{name}': there are {', '.join(known)}, and "
                     "pairs, 'creep+delay'."
                 )
+    if blind and log is not None:
+        raise InputError("A blind run tells only totals: leave out the log of its records.")
+    if blind and len(labels) < _FEWEST:
+        raise InputError(
+            f"A blind run of {len(labels)} classes would tell of each: name {_FEWEST} or more."
+        )
     if seeds < 1 or first_seed < 0 or not labels:
         raise InputError(f"{seeds} seeds from {first_seed} on: give at least one, from 0 on.")
     threads = 2 if executor is None else 1
     numbers = range(first_seed, first_seed + seeds)
-    jobs = [_Job(label, seed, level, samples, threads) for label in labels for seed in numbers]
+    jobs = [
+        _Job(label, seed, level, samples, threads, family, baseline)
+        for label in labels
+        for seed in numbers
+    ]
+    if blind:
+        # What is done of a run that is stopped shall be a fair sample of all of it.
+        jobs.sort(key=lambda job: crc32(f"{job.seed} {job.label}".encode()))
     with ExitStack() as stack:
         done: list[Judged] = []
         keep: TextIO | None = None
@@ -318,10 +389,10 @@ def hidden_bench(
             done = _kept(log, jobs)
             keep = stack.enter_context(log.open("a", encoding="utf-8"))
             # A run that was killed may have left half a line.
-            heading = json.dumps(_heading(level, samples)) if keep.tell() == 0 else ""
+            heading = json.dumps(_heading(jobs[0])) if keep.tell() == 0 else ""
             keep.write(f"{heading}\n")
-        known = {(row.label, row.seed) for row in done}
-        left = [job for job in jobs if (job.label, job.seed) not in known]
+        finished = {(row.label, row.seed) for row in done}
+        left = [job for job in jobs if (job.label, job.seed) not in finished]
         try:
             tell = _offset(progress, len(done), len(jobs))
             for row in run_jobs(_judge, None, left, executor, tell, _lost):
@@ -333,10 +404,11 @@ def hidden_bench(
             if not done:
                 raise
     order = {(job.label, job.seed): k for k, job in enumerate(jobs)}
-    return HiddenTable(level, tuple(sorted(done, key=lambda r: order[r.label, r.seed])))
+    rows = tuple(sorted(done, key=lambda r: order[r.label, r.seed]))
+    return HiddenTable(level, rows, family, blind)
 
 
-def measurement(record: HiddenRecord, name: str) -> Measurement:
+def measurement(record: PlantRecord, name: str) -> Measurement:
     """A hidden record as a user has it: without its truth."""
     warm = record.temperature
     return Measurement(
@@ -367,15 +439,19 @@ def _judge(nothing: None, job: _Job) -> Judged:  # noqa: ARG001
         if fit.outcome.ending is Ending.INTERRUPTED:
             raise KeyboardInterrupt
         fitted = perf_counter()
+        withheld = tuple(WITHHELD[name] for name in names if name in WITHHELD)
+        alone = _alone(job)
         found = diagnose(
             fit,
-            test=test,
-            withhold=[WITHHELD[name] for name in names if name in WITHHELD],
+            test=None if alone else test,
+            withhold=withheld,
             threads=job.threads,
             advise=False,
         )
         ended = perf_counter()
         held_out = Judge(test).error(found.final)
+        begun = perf_counter()
+        plainest = refit_everything(fit, withhold=withheld) if job.plainest else None
         return Judged(
             job.label,
             names,
@@ -396,6 +472,9 @@ def _judge(nothing: None, job: _Job) -> Judged:  # noqa: ARG001
             making=made - begin,
             fitting=fitted - made,
             diagnosing=ended - fitted,
+            alone=alone,
+            plainest=plainest,
+            refitting=perf_counter() - begun,
         )
     except Exception:
         # One record that breaks the diagnosis counts against it and does not end the bench.
@@ -403,15 +482,20 @@ def _judge(nothing: None, job: _Job) -> Judged:  # noqa: ARG001
         return Judged(job.label, names, job.seed, error=told, making=perf_counter() - begin)
 
 
-def _made(job: _Job) -> tuple[tuple[str, ...], tuple[HiddenRecord, HiddenRecord]]:
+def _alone(job: _Job) -> bool:
+    """Whether a record is diagnosed without the other: a half of them, by class and seed."""
+    return FAMILIES[job.family].halved and (crc32(job.label.encode()) + job.seed) % 2 == 0
+
+
+def _made(job: _Job) -> tuple[tuple[str, ...], Pair]:
     """What is hidden, and its pair of records."""
+    family = FAMILIES[job.family]
     if job.label != TWO:
         names = tuple(name for name in job.label.split("+") if name != "none")
-        train, test = make(names, job.seed, samples=job.samples, level=job.level)
-        return names, (train, test)
-    for pair in _pairs(job.seed):
+        return names, family.make(names, job.seed, job.samples, job.level)
+    for pair in _pairs(job.seed, job.family):
         try:
-            train, test = make(pair, job.seed, samples=job.samples, level=job.level)
+            train, test = family.make(pair, job.seed, job.samples, job.level)
         except ValueError:
             continue  # no plausible plant shows both
         if job.level == "hard" or min(train.meta.distinct) >= _DISTINCT:
@@ -419,14 +503,10 @@ def _made(job: _Job) -> tuple[tuple[str, ...], tuple[HiddenRecord, HiddenRecord]
     raise InputError(f"seed {job.seed}: no pair of effects can be told apart at level {job.level}")
 
 
-def _pairs(seed: int) -> Iterator[tuple[str, str]]:
-    """Pairs of effects that one drive can show, and that do not count as one."""
-    random = np.random.default_rng([seed, crc32(b"pairs")])
-    names = tuple(INSIDE)
-    for _ in range(_PAIRS):
-        first, second = (names[int(k)] for k in random.choice(len(names), 2, replace=False))
-        together = set(INSIDE[first].kinds) & set(INSIDE[second].kinds)
-        if together and _pooled(first) != _pooled(second):
+def _pairs(seed: int, family: FamilyName = "own") -> Iterator[tuple[str, str]]:
+    """Pairs of effects that do not count as one."""
+    for first, second in islice(FAMILIES[family].pairs(seed), _PAIRS):
+        if _pooled(first) != _pooled(second):
             yield first, second
 
 
@@ -445,8 +525,10 @@ def _offset(progress: Counted | None, done: int, total: int) -> Counted | None:
     return lambda count, _: progress(done + count, total)
 
 
-def _heading(level: Level, samples: int) -> dict[str, Any]:
-    return {"schema": SCHEMA, "level": level, "samples": samples}
+def _heading(job: _Job) -> dict[str, Any]:
+    heading = {"schema": SCHEMA, "level": job.level, "samples": job.samples}
+    # Logs of the first family are older than the others.
+    return heading if job.family == "own" else {**heading, "family": job.family}
 
 
 def _kept(log: Path, jobs: Sequence[_Job]) -> list[Judged]:
@@ -458,7 +540,7 @@ def _kept(log: Path, jobs: Sequence[_Job]) -> list[Judged]:
         heading = json.loads(first)
     except json.JSONDecodeError:
         heading = None
-    if heading != _heading(jobs[0].level, jobs[0].samples):
+    if heading != _heading(jobs[0]):
         raise InputError(f"{log}: is no log of this bench at this level: give another file")
     asked = {(job.label, job.seed) for job in jobs}
     rows = []

@@ -33,6 +33,13 @@ class Size(Enum):
     HARD = "hard"
 
 
+class Plants(Enum):
+    """Families of plants."""
+
+    OWN = "own"
+    FOREIGN = "foreign"
+
+
 bench.command()(faults)
 bench.command()(optimisers)
 bench.command()(speed)
@@ -68,6 +75,18 @@ def hidden(
             metavar="FILE.jsonl", help="Keeps finished records; a second run goes on from it."
         ),
     ] = None,
+    family: Annotated[
+        Plants | None,
+        typer.Option(help="Whose plants: the first family, or one by another hand."),
+    ] = None,
+    blind: Annotated[
+        bool,
+        typer.Option("--blind", help="Only totals, of foreign plants unless told otherwise."),
+    ] = False,
+    baseline: Annotated[
+        bool,
+        typer.Option("--baseline", help="Also refit with every effect and take the best: slow."),
+    ] = False,
     max_time: o.MaxTime = None,
     overwrite: o.Overwrite = False,
 ) -> None:
@@ -80,12 +99,14 @@ def hidden(
       piezo-opt bench hidden --seeds 2
       piezo-opt bench hidden --classes none,creep,two --workers 2 --json hidden.json
       piezo-opt bench hidden --level hard --workers 2 --log hard.jsonl
+      piezo-opt bench hidden --blind --seeds 5 --workers 2 --json totals.json
     """
     from piezo_opt.benchmark.hidden import hidden_bench
 
     outputs.check({"--json": json, "--log": log}, overwrite=overwrite, grows=frozenset({"--log"}))
     seconds = None if max_time is None else quantity(max_time, "s")
     asked = None if classes is None else [one.strip() for one in classes.split(",")]
+    chosen = family or (Plants.FOREIGN if blind else Plants.OWN)
     with pool(workers) as executor, telling("Bench") as tell, TimeLimit(seconds):
         found = hidden_bench(
             asked,
@@ -96,6 +117,9 @@ def hidden(
             executor=executor,
             progress=lambda done, of: tell(f"{done} of {of} records (Ctrl-C prints those)"),
             log=log,
+            family=chosen.value,
+            blind=blind,
+            baseline=baseline,
         )
     typer.echo(str(found))
     if json is not None:

@@ -10,10 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from piezo_opt.benchmark import hidden
-from piezo_opt.benchmark.hidden import HiddenTable, Judged, hidden_bench
+from piezo_opt.benchmark import hidden, plants
+from piezo_opt.benchmark.hidden import HiddenTable, Judged, hidden_bench, measurement
 from piezo_opt.benchmark.plants import CLASSES
+from piezo_opt.benchmark.refit_everything import refit_everything
+from piezo_opt.effects import BoucWen, Offset, PiezoGain
+from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.errors import InputError
+from piezo_opt.identification import Identification, solve
 
 
 def said(*effects: str, steps: tuple[str, ...] = (), verdict: str = "missing") -> Judged:
@@ -159,6 +163,68 @@ def test_a_record_that_breaks_is_counted_and_does_not_end_it(
         hidden_bench(["none"], 1, samples=1000)
 
 
+def test_group_sizes_and_the_plainest_search_are_counted() -> None:
+    wide = dataclasses.replace(
+        said("drift", steps=("creep",)), groups=(("creep", "drift", "offset"),), plainest="creep"
+    )
+    lag = dataclasses.replace(said("delay", steps=("delay",)), plainest="sensor_lag")
+    nothing = dataclasses.replace(said(verdict="complete"), plainest="creep")
+    unasked = said("creep", steps=("creep",))
+    table = HiddenTable("standard", (wide, lag, nothing, unasked))
+    assert table.group_size == pytest.approx(5.0 / 3.0)
+    assert table.shares["one hidden: refits alone name the member"] == (1, 2)
+    assert table.shares["nothing hidden: refits alone say so"] == (0, 1)
+    assert "holds 1.67 names" in str(table)
+    assert not any("refits" in name for name in HiddenTable("hard", (unasked,)).shares)
+
+
+def test_a_blind_table_tells_only_totals() -> None:
+    rows = (
+        said("creep", steps=("creep",)),
+        dataclasses.replace(said("friction"), error="Traceback\nKeyError: 1"),
+        said("random_sticking", verdict="unexplained"),
+    )
+    table = HiddenTable("standard", rows, "foreign", blind=True)
+    data = table.to_dict()
+    assert data["shares"]["one hidden: its group first"] == {"held": 1, "of": 2}
+    assert data["shares"]["outside: no effect completes it"] == {"held": 1, "of": 1}
+    assert data["failed"] == 1
+    for told in (str(table), json.dumps(data)):
+        for word in ("creep", "friction", "sticking", "KeyError", "seed"):
+            assert word not in told
+    assert "friction" in str(dataclasses.replace(table, blind=False))
+
+
+def test_foreign_plants_are_diagnosed_alone_half_of_the_time(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked: list[bool] = []
+
+    def breaks(*_: object, test: object, **__: object) -> None:
+        asked.append(test is None)
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr(hidden, "diagnose", breaks)
+    table = hidden_bench(["none"], 4, samples=600, family="foreign")
+    assert sorted(asked) == [False, False, True, True]
+    assert table.family == "foreign"
+    log = tmp_path / "log.jsonl"
+    hidden_bench(["none"], 1, samples=600, family="foreign", log=log)
+    with pytest.raises(InputError, match="no log of this bench"):
+        hidden_bench(["none"], 1, samples=600, log=log)
+    asked.clear()
+    hidden_bench(["none"], 2, samples=600)
+    assert asked == [False, False]
+
+
+def test_the_plainest_search_names_what_the_criterion_prefers() -> None:
+    train, _ = plants.make(("mains_pickup",), 0, samples=2000)
+    fit = solve(Identification(PiezoGain() + BoucWen() + Offset(), measurement(train, "train")))
+    all_but = tuple(name for name in CATALOGUE if name not in ("mains_pickup", "drift"))
+    assert refit_everything(fit, withhold=all_but) == "mains_pickup"
+    assert refit_everything(fit, withhold=tuple(CATALOGUE)) == ""
+
+
 def test_pairs_differ_from_seed_to_seed_and_do_not_count_as_one() -> None:
     pairs = [next(hidden._pairs(seed)) for seed in range(40)]
     assert len(set(pairs)) > 30
@@ -167,6 +233,23 @@ def test_pairs_differ_from_seed_to_seed_and_do_not_count_as_one() -> None:
         assert second in CLASSES
         assert not {first, second} <= hidden.POOLED
     assert next(hidden._pairs(3)) == pairs[3]
+
+
+def test_foreign_pairs_do_not_count_as_one() -> None:
+    pairs = [pair for seed in range(10) for pair in hidden._pairs(seed, "foreign")]
+    assert len(pairs) > 300
+    assert not any({first, second} <= hidden.POOLED for first, second in pairs)
+    assert not any({first, second} == {"dead_zone", "backlash"} for first, second in pairs)
+
+
+def test_a_blind_run_refuses_to_tell_of_a_class(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="name 8 or more"):
+        hidden_bench(["none", "creep"], 1, family="foreign", blind=True)
+    with pytest.raises(InputError, match="leave out the log"):
+        hidden_bench(None, 1, family="foreign", blind=True, log=tmp_path / "log.jsonl")
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(InputError, match="no class 'encoder_lines'"):
+        hidden_bench(["encoder_lines"], 1)
 
 
 def test_bad_questions_are_refused() -> None:

@@ -315,6 +315,9 @@ def test_outputs_are_checked_before_any_work(tmp_path: Path) -> None:
     refused(run("diagnose", tmp_path / "nowhere.csv"), "no such file")
     refused(run("bench", "hidden", "--json", out), "exists already")
     refused(run("bench", "hidden", "--classes", "crepe"), "no class 'crepe'")
+    # Blind, the plants are those of the other hand.
+    refused(run("bench", "hidden", "--blind", "--classes", "gain_step"), "name 8 or more")
+    refused(run("bench", "hidden", "--blind", "--classes", "gain_switching"), "no class")
     assert out.read_text() == "precious"
 
 
