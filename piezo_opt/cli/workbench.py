@@ -42,8 +42,13 @@ def workbench(
       piezo-opt workbench first.csv second.csv --session loop.json
       piezo-opt workbench --session loop.json
     """
-    from piezo_opt.workbench import Session, read_session, serve
+    from piezo_opt.workbench.process import begin
+
+    worker = begin()
+    # What takes a while to load comes while the worker loads its own.
     from piezo_opt.workbench.load import Load, Source
+    from piezo_opt.workbench.serve import serve
+    from piezo_opt.workbench.session import Session, read_session
 
     paths = [path.absolute() for path in records or []]
     for path in paths:
@@ -66,7 +71,7 @@ def workbench(
         if browser:
             webbrowser.open(address)
 
-    serve(begun, file, port=port, ready=ready)
+    serve(begun, file, port=port, worker=worker, ready=ready)
 
 
 def _unnamed() -> Path:

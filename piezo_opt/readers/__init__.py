@@ -19,7 +19,7 @@ from piezo_opt.readers.records import measurement_from
 from piezo_opt.readers.wanted import Wanted, treated
 from piezo_opt.units import quantity
 
-__all__ = ["read", "read_campaign", "write"]
+__all__ = ["headers", "read", "read_campaign", "write"]
 
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc")
 _HDF5 = (".h5", ".hdf5")
@@ -105,6 +105,24 @@ def read_campaign(path: str | os.PathLike[str]) -> Campaign:
         if campaign is not None:
             return campaign
     return Campaign.of(read(file))
+
+
+def headers(path: str | os.PathLike[str]) -> tuple[str, ...]:
+    """How the columns of a file are headed, ``"voltage [V]"``, in its order.
+
+    Columns without numbers are left out; a file of this package has none to choose from.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    file = Path(path)
+    suffix = _suffix(file)
+    if suffix in _HDF5:
+        from piezo_opt.readers.hdf5 import campaign_from_hdf5
+
+        if campaign_from_hdf5(file) is not None:
+            return ()
+    return tuple(c.header for c in _table(file, suffix, Wanted()).columns if c.values.size)
 
 
 def write(

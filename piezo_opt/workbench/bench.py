@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import multiprocessing
 import os
 import signal
 import threading
 from collections.abc import AsyncIterator
 from dataclasses import replace
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final, final
 
@@ -18,17 +16,18 @@ from piezo_opt.errors import InputError
 from piezo_opt.workbench.answers import Fitted, Looked, Planned, Scored
 from piezo_opt.workbench.edits import Edit
 from piezo_opt.workbench.load import Load
+from piezo_opt.workbench.process import Worker, begin
 from piezo_opt.workbench.session import Session
 from piezo_opt.workbench.worker import (
     Begun,
     Ended,
     Found,
+    Headers,
     Iterate,
     Job,
     Kind,
     Message,
     Solved,
-    run,
 )
 
 Event = tuple[str, Any]
@@ -55,15 +54,17 @@ class Bench:
     Args:
         session: where it begins.
         file: where every step is kept.
+        worker: one that was begun already.
     """
 
-    def __init__(self, session: Session, file: Path) -> None:
+    def __init__(self, session: Session, file: Path, worker: Worker | None = None) -> None:
         self.session = session
         self.file = file
         self.version = 0
         self.looked: Looked | None = None
         self.fits: dict[int, Fitted] = {}
         self.scores: dict[int, Scored] = {}
+        self.headers: tuple[str, ...] = ()
         self.plan: Planned | None = None
         self.sentences: tuple[str, ...] = ()
         self.problem = ""
@@ -75,8 +76,8 @@ class Bench:
         self._iterates: list[float] = []
         self._solving = -1
         self._results: dict[int, asyncio.Future[str]] = {}
-        self._process: Any = None
-        self._pipe: Connection | None = None
+        self._begun = worker
+        self._worker: Worker | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
 
     # What a page may do
@@ -96,7 +97,7 @@ class Bench:
             self._keep_aside()
         self._set(Session(load))
         self.looked, self.fits, self.scores, self.sentences = None, {}, {}, ()
-        self.plan = None
+        self.plan, self.headers = None, ()
         if load.sources:
             self._begin(Job(Kind.LOOK, self.session))
 
@@ -179,6 +180,7 @@ class Bench:
             "problem": self.problem,
             "sentences": list(self.sentences),
             "load": self.session.load.to_dict(),
+            "headers": list(self.headers),
             "records": None if self.looked is None else self.looked.told,
             "steps": [
                 {
@@ -223,12 +225,11 @@ class Bench:
     def close(self) -> None:
         """End the worker, and let go of the pages."""
         self._loop = None
-        if self._process is not None:
-            self._process.kill()
-            self._process.join(5)
-        if self._pipe is not None:
-            self._pipe.close()
-        self._process = self._pipe = None
+        worker, self._worker = self._worker or self._begun, None
+        if worker is not None:
+            worker.process.kill()
+            worker.process.join(5)
+            worker.pipe.close()
         for queue in self._listeners:
             with contextlib.suppress(asyncio.QueueFull):
                 queue.put_nowait(None)
@@ -273,52 +274,47 @@ class Bench:
     def _next(self) -> None:
         self._job = self._waiting.pop(0) if self._waiting else None
         if self._job is not None:
-            if self._pipe is None:
-                self._start()
-            assert self._pipe is not None
+            if self._worker is None:
+                self._worker = self._listened(self._begun or begin())
+                self._begun = None
             with contextlib.suppress(OSError):  # where it has died, its listener says so
-                self._pipe.send(self._job)
+                self._worker.pipe.send(self._job)
         self._changed()
 
-    def _start(self) -> None:
-        """A new process, with a thread that brings what it says into the event loop."""
-        context = multiprocessing.get_context("spawn")
-        here, there = context.Pipe()
-        process = context.Process(target=run, args=(there,), daemon=True)
-        process.start()
-        there.close()
+    def _listened(self, worker: Worker) -> Worker:
+        """A worker with a thread that brings what it says into the event loop."""
         loop = self._loop = asyncio.get_running_loop()
-        self._process, self._pipe = process, here
 
         def listen() -> None:
             while True:
                 try:
-                    message: Message | None = here.recv()
+                    message: Message | None = worker.pipe.recv()
                 except (EOFError, OSError):
                     message = None
                 try:
-                    loop.call_soon_threadsafe(self._heard, process, message)
+                    loop.call_soon_threadsafe(self._heard, worker, message)
                 except RuntimeError:
                     return  # the loop is closed
                 if message is None:
                     return
 
         threading.Thread(target=listen, daemon=True).start()
+        return worker
 
     def _interrupt(self) -> None:
-        if self._process is not None and self._process.is_alive():
-            os.kill(self._process.pid, signal.SIGINT)
+        process = None if self._worker is None else self._worker.process
+        if process is not None and process.pid is not None and process.is_alive():
+            os.kill(process.pid, signal.SIGINT)
 
-    def _heard(self, process: Any, message: Message | None) -> None:
+    def _heard(self, worker: Worker, message: Message | None) -> None:
         """One message of the worker; None when it has died."""
-        if process is not self._process or self._loop is None:
+        if worker is not self._worker or self._loop is None:
             return
         job = self._job
         match message:
             case None:
-                self._process.join(5)
-                code = self._process.exitcode
-                self._process = self._pipe = None
+                worker.process.join(5)
+                code, self._worker = worker.process.exitcode, None
                 self._over(
                     f"The process that computes has died ({code}); nothing is lost, and the next "
                     "click starts another."
@@ -331,6 +327,9 @@ class Bench:
                 self._tell("iterate", {"number": number, "rms": rms})
             case Looked():
                 self.looked, self.problem = message, ""
+                self._changed()
+            case Headers(names):
+                self.headers = names
                 self._changed()
             case Solved(depth, fit):
                 self.fits[depth] = fit

@@ -9,11 +9,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 from piezo_opt.errors import InputError
+from piezo_opt.workbench.process import Worker
 from piezo_opt.workbench.session import Session
 
 
 def serve(
-    session: Session, file: Path, *, port: int = 0, ready: Callable[[str], None] | None = None
+    session: Session,
+    file: Path,
+    *,
+    port: int = 0,
+    worker: Worker | None = None,
+    ready: Callable[[str], None] | None = None,
 ) -> None:
     """Serve a session on the loopback address until the process is interrupted.
 
@@ -21,6 +27,7 @@ def serve(
         session: where it begins.
         file: where every step is kept.
         port: to listen on; 0 takes a free one.
+        worker: one that was begun already.
         ready: called with the address, once it is answered.
 
     Raises:
@@ -52,8 +59,9 @@ def serve(
             # From here on the system holds a connection until the server answers it.
             ready(f"http://127.0.0.1:{taken}/{token}/")
         # No log of requests: their addresses hold the token.
+        served = application(Bench(session, file, worker), token, taken)
         config = uvicorn.Config(
-            application(Bench(session, file), token, taken), log_level="error", access_log=False,
+            served, log_level="error", access_log=False,
             server_header=False, timeout_graceful_shutdown=1, ws="none",
         )  # fmt: skip
         with contextlib.suppress(KeyboardInterrupt):

@@ -17,11 +17,12 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias, final
+from typing import TYPE_CHECKING, Final, TypeAlias, final
 
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.measurement import Check
+from piezo_opt.readers import headers
 from piezo_opt.workbench.answers import (
     Fitted,
     Looked,
@@ -38,6 +39,10 @@ from piezo_opt.workbench.session import Session
 
 if TYPE_CHECKING:  # loaded when they are needed, or while nothing is asked
     from piezo_opt.identification import Fit
+
+
+_SMALL: Final = 1 << 22
+"""[bytes] A file below that is read again for its headers without being noticed."""
 
 
 class Kind(Enum):
@@ -105,13 +110,23 @@ class Found:
 
 @final
 @dataclass(frozen=True)
+class Headers:
+    """How the columns of the first file are headed."""
+
+    names: tuple[str, ...]
+
+
+@final
+@dataclass(frozen=True)
 class Ended:
     """The job is over: why it could not be done, in a sentence, or nothing."""
 
     failed: str = ""
 
 
-Message: TypeAlias = Begun | Iterate | Solved | Found | Ended | Looked | Scored | Planned | str
+Message: TypeAlias = (
+    Begun | Iterate | Solved | Found | Ended | Looked | Scored | Planned | Headers | str
+)
 
 
 @final
@@ -255,7 +270,7 @@ def _do(job: Job, memory: _Memory, send: Callable[[Message], None]) -> None:
     session = job.session
     match job.kind:
         case Kind.LOOK:
-            send(looked(memory.check(session.load)))
+            _look(memory, session.load, send)
         case Kind.FIT:
             memory.fit(session, send, tell=True)
         case Kind.SCORE:
@@ -273,6 +288,21 @@ def _do(job: Job, memory: _Memory, send: Callable[[Message], None]) -> None:
             from piezo_opt.export import export_c
 
             send(str(export_c(memory.fit(session, send, tell=False), job.target)))
+
+
+def _look(memory: _Memory, load: Load, send: Callable[[Message], None]) -> None:
+    """The records, and the columns that there are to choose from."""
+    first = load.sources[0].path if load.sources else ""
+    small = os.path.exists(first) and os.path.getsize(first) < _SMALL
+    try:
+        send(looked(memory.check(load)))
+    except PiezoOptError:
+        small = True
+        raise
+    finally:
+        if small:
+            with suppress(PiezoOptError):
+                send(Headers(headers(first)))
 
 
 def _search(fit: Fit, send: Callable[[Message], None]) -> None:

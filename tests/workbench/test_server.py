@@ -176,7 +176,9 @@ def test_a_killed_worker_is_told_and_the_next_click_goes_on(page: Page) -> None:
     state = page.fitted()
     depth = state["depth"]
     assert page.do("find").status_code == 200
-    os.kill(page.bench._process.pid, signal.SIGKILL)
+    worker = page.bench._worker
+    assert worker is not None
+    os.kill(worker.process.pid, signal.SIGKILL)
     state = page.state()
     assert "has died (-9); nothing is lost" in state["problem"]
     assert state["depth"] == depth
@@ -286,6 +288,25 @@ def test_a_dropped_file_replaces_the_records_and_what_was_done_stays_in_a_file(p
     aside = page.bench.file.parent.glob("session-*.json")
     kept = read_session(max(aside, key=lambda file: int(file.stem.partition("-")[2])))
     assert len(kept.edits) + 1 == steps
+
+
+def test_columns_without_units_are_chosen_on_the_page(page: Page) -> None:
+    page.state()
+    rows = "".join(f"{k},{k % 20},{0.1 * (k % 20):.3f}\n" for k in range(100))
+    where = "/secret/upload?name=bare.csv"
+    assert page.client.post(where, content=f"ticks,a,b\n{rows}".encode()).status_code == 200
+    state = page.state()
+    assert state["records"] is None
+    assert state["problem"]
+    assert state["headers"] == ["ticks", "a", "b"]
+    load = state["load"]
+    load["sources"][0]["said"] = {"time": "ticks [ms]", "drive": "a [V]", "position": "b [um]"}
+    state = page.step("load", load=load)
+    (told,) = state["records"]["records"]
+    assert (told["duration"], state["problem"]) == ("99 ms", "")
+    assert told["ranges"]["position"] == "0 m to 1.9 um"
+    script = page.get("download/script.py").text
+    assert "time='ticks [ms]', drive='a [V]', position='b [um]')" in script
 
 
 def test_files_that_are_no_records_are_one_sentence_each(page: Page) -> None:

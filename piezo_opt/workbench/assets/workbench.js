@@ -7,7 +7,7 @@ function el(tag, about, ...children) {
   const made = document.createElement(tag);
   for (const [key, value] of Object.entries(about || {})) {
     if (key.startsWith("on")) made.addEventListener(key.slice(2), value);
-    else if (key in made) made[key] = value;
+    else if (key in made && key !== "list") made[key] = value;
     else made.setAttribute(key, value);
   }
   made.append(...children.map((c) => (typeof c === "string" ? document.createTextNode(c) : c)));
@@ -272,7 +272,11 @@ function recordsPart() {
     el("p", { role: "alert" }, `${f.record}: ${f.sentence} ${f.remedy}`),
     ...(f.mendable ? [el("button", { className: "small", onclick: () => answer("mend", f.name) }, "Mend it")] : []),
     el("button", { className: "small", onclick: () => answer("accept", f.name) }, "Take it as it is"))));
-  if (state.load.sources.length) $("check").append(readAs());
+  const asked = JSON.stringify([state.load, state.headers, !state.records]);
+  if ($("read").dataset.shown !== asked) { // what is being typed stays
+    $("read").dataset.shown = asked;
+    fill($("read"), ...(state.load.sources.length ? [readAs()] : []));
+  }
   const names = told ? told.records.map((r) => r.name) : [];
   $("which").hidden = names.length < 2;
   if ($("record").children.length !== names.length || [...$("record").children].some((o, k) => o.textContent !== names[k])) {
@@ -286,10 +290,15 @@ function readAs() {
   const said = state.load.sources[0].said;
   const fields = [["time", "column, '1 [s]'"], ["drive", "column, 'u [V]'"], ["position", "column, 'y [um]'"],
     ["rate", "'1 kHz'"], ["period", "'0.2 s'"], ["startup", "'40 ms'"], ["gain", "of the amplifier"], ["scale", "'2.5 um/V'"]];
-  const inputs = fields.map(([name, hint]) => el("input", { value: said[name] || "", placeholder: hint, "aria-label": name, name }));
+  const units = { time: ["s", "ms", "us"], drive: ["V", "mV", "kV"], position: ["um", "nm", "mm", "m"] };
+  const choices = (name) => el("datalist", { id: `choices-${name}` }, ...state.headers.flatMap((h) =>
+    (h.endsWith("]") ? [h] : units[name].map((u) => `${h} [${u}]`)).map((value) => el("option", { value }))));
+  const inputs = fields.map(([name, hint]) => el("input", { value: said[name] || "", placeholder: hint, "aria-label": name, name,
+    ...(units[name] ? { list: `choices-${name}` } : {}) }));
   const read = () => post({ do: "load", load: { ...state.load, accept: [], mend: [],
     sources: state.load.sources.map((s) => ({ ...s, said: Object.fromEntries(inputs.map((i) => [i.name, i.value.trim()]).filter(([, v]) => v)) })) } });
-  return el("details", {}, el("summary", {}, "Read it otherwise"),
+  return el("details", { open: !state.records }, el("summary", {}, "Read it otherwise"),
+    ...Object.keys(units).map(choices),
     ...inputs.map((input, k) => el("label", { className: "wide" }, fields[k][0], input)),
     el("button", { className: "small", onclick: read }, "Read again"));
 }
