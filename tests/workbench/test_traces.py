@@ -40,6 +40,13 @@ def test_what_is_short_comes_as_it_is_and_what_is_missing_stays_missing() -> Non
     assert np.nanmax(thin) == 39_999
 
 
+def test_the_ends_of_a_stretch_come_in_their_order() -> None:
+    time = np.arange(10_001.0)
+    _, (rising, falling) = envelope(time, [time, -time])
+    assert np.all(np.diff(rising) >= 0)
+    assert np.all(np.diff(falling) <= 0)
+
+
 def test_an_outline_of_a_loop_has_its_corners() -> None:
     turns = np.linspace(0.0, 60.0, 100_001)
     drive, position = np.sin(turns), np.cos(turns)

@@ -420,6 +420,7 @@ function status() {
   $("fit").hidden = !state.records || state.steps.length > 0;
   $("fit").disabled = !free || !state.records || !state.records.fit_for_use;
   document.body.dataset.busy = state.kind;
+  $("centre").hidden = !state.records;
   const settled = state.shown === state.depth;
   document.body.dataset.depth = state.fit && settled ? state.depth : "";
   document.body.dataset.scored = state.scores && settled ? "yes" : "";
