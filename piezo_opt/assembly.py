@@ -86,7 +86,7 @@ class System:
 
     @property
     def becomes(self) -> ca.Function | None:
-        """``(t, x, u, c, p) -> x`` after a monotone stretch, None if no state jumps."""
+        """``(t, x, u, du, c, p) -> x`` after a monotone stretch, None if no state jumps."""
         found: ca.Function | None = self.functions["becomes"]
         return found
 
@@ -428,9 +428,7 @@ class _Assembler:
         jump: ca.Function | None = None
         if self.becomes:
             after = ca.vertcat(*(self.becomes.get(n, s) for n, s in self.x.items()))
-            jump = ca.Function(
-                "po_becomes", [self.time, x, self.command.value, c, p], [resolve(after)]
-            )
+            jump = ca.Function("po_becomes", [*instant[:5], p], [resolve(after)])
         delay = sum(self.delays, ca.SX(0.0))
         return {
             "rate": ca.Function("po_rate", instant, [resolve(dx)]),

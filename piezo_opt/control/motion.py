@@ -129,13 +129,16 @@ def period_text(system: System, directions: int) -> str:
     by, seeds = ca.vertcat(x, u), ca.vertcat(seed_x, seed_u)
     inputs = [t, x, flat_x, u, flat_u, p]
     if system.becomes is not None:
-        moved = system.becomes(t, x, u, none, p)
-        settle = ca.Function("settling", inputs, [ca.densify(moved), along(moved, by, seeds)])
+        moved = system.becomes(t, x, u, du, none, p)
+        ends = [*inputs[:-1], du, p]
+        settle = ca.Function("settling", ends, [ca.densify(moved), along(moved, by, seeds)])
         parts.append(c_function("settling", settle))
     y = system.reading(t, x, u, 0.0, none, none, p)
     read = ca.Function("reading_", inputs, [ca.densify(y), along(y, by, seeds)])
     parts.append(c_function("reading_", read))
-    settled = "settling(&t, x, X, &after, AFTER, p, x, X);" if system.becomes is not None else ""
+    settled = (
+        "settling(&t, x, X, &after, AFTER, &du, p, x, X);" if system.becomes is not None else ""
+    )
     whole = "\n".join(["#include <math.h>", *parts, _PERIOD])
     return whole.replace("@ND", str(max(nd, 1))).replace("@SETTLED", settled)
 
@@ -230,7 +233,7 @@ def advance_function(system: System, rise: int, held: int) -> ca.Function:
             now = _step(system, now, clock + k * h, base + du * k * h, ca.SX(du), h, p)
         clock = clock + length
         if system.becomes is not None:
-            now = system.becomes(clock, now, after, none, p)
+            now = system.becomes(clock, now, after, du, none, p)
     y = system.reading(t + period, now, after, 0.0, none, none, p)
     return ca.Function("period", [x, t, before, after, period, p], [now, y])
 

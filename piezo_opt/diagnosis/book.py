@@ -113,6 +113,13 @@ class Book:
             self._went_on(members, fit, _SETTLED)
         return self._fits[members]
 
+    def standing(self, members: Members, beside: Fit) -> Fit | None:
+        """A set at the values of another fit; None where it cannot be simulated there."""
+        question = members.question(self.question)
+        with suppress(*NO_FIT):
+            return refit(question, _own(beside.values, question), 0, mend=False)
+        return None
+
     def keep(self, members: Members, fit: Fit) -> None:
         """Write a fit down, where it is the best of its set."""
         before = self._fits.get(members)

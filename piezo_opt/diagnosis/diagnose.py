@@ -507,6 +507,9 @@ def _verdict(diagnosis: Diagnosis) -> str:
 
 
 def _exchanged(diagnosis: Diagnosis) -> str:
-    """Which hysteresis law took the place of the base model's, in words; nothing where none did."""
-    own, final = law(diagnosis.fit.model), law(diagnosis.final.model)
-    return "" if own == final else f", with {final} in the place of {own}"
+    """What became of the base model's own effects, in words; nothing where they all stayed."""
+    before, after = diagnosis.fit.model, diagnosis.final.model
+    own, final = law(before), law(after)
+    changed = [] if own == final else [f"with {final} in the place of {own}"]
+    changed += [f"without {name}" for name in before.names if name not in after and name != own]
+    return "".join(f", {change}" for change in changed)

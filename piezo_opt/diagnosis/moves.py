@@ -18,20 +18,24 @@ from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.members import Members, is_law
 from piezo_opt.diagnosis.richer import in_detail
 from piezo_opt.diagnosis.scores import Suspect
-from piezo_opt.effects.base import Effect
+from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.errors import ModelError
-from piezo_opt.identification import Fit
+from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.shapes import own
 
 
-def adds(at: Members, suspects: Sequence[Suspect], most: int, book: Book) -> list[Start]:
-    """The likeliest effects, one at a time."""
+def adds(
+    at: Members, suspects: Sequence[Suspect], most: int, book: Book, *, fresh: bool = True
+) -> list[Start]:
+    """The likeliest effects, one at a time.
+
+    From a fresh start only the likelier form of each: another form is a neighbour of it.
+    """
     found, asked = [], set()
     for suspect in _likeliest(suspects, most):
         starts = _joined(at, (suspect,), book)
-        # From a fresh start the likelier form alone: another form is a neighbour of it.
-        found += starts if suspect.name not in asked else starts[:1]
+        found += starts if fresh and suspect.name not in asked else starts[:1]
         asked.add(suspect.name)
     return found
 
@@ -78,6 +82,22 @@ def details(fit: Fit, book: Book) -> list[Start]:
         Start(Members.of(question, book.question), dict(start))
         for question, start in in_detail(fit)
     ]
+
+
+def still(at: Members, fit: Fit, foot: Identification) -> list[Start]:
+    """The set without its mechanics, where no effect needs them and the user has not asked for any.
+
+    A first fit may have bent them to imitate what is missing, and no step leads back from there;
+    where they belong, they join again as a neighbour.
+    """
+    mechanics = next((name for name, effect in at.base if _moves(effect)), "")
+    told = (*foot.fixed, *foot.bounds, *foot.priors, *foot.values)
+    if not mechanics or any(name.startswith(f"{mechanics}.") for name in told):
+        return []
+    members = replace(at, base=at.base.without(mechanics))
+    if any(e.place is Place.MOTION for e in at.effects) or not _allowed(members):
+        return []
+    return [Start(members, dict(fit.values)), Start(members, None)]
 
 
 def laws(at: Members, fit: Fit, withheld: Sequence[str]) -> list[Start]:
@@ -166,6 +186,10 @@ def _forbidden(suspect: Suspect, along: float, alone: float) -> bool:
     turned = along * alone < 0.0
     one_sided = low >= null or high <= null
     return turned and one_sided
+
+
+def _moves(effect: Effect) -> bool:
+    return any(state.position for state in effect.declared_states.values())
 
 
 def _allowed(members: Members) -> bool:

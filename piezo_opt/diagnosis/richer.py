@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from piezo_opt.diagnosis.refit import refit
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.motion.second_order import SecondOrder
@@ -23,6 +25,8 @@ from piezo_opt.identification.starting import resonance_start
 Richer = tuple[Identification, Mapping[str, float]]
 """A question and where its fit begins."""
 
+_RESONANCES = 4
+"""Natural frequencies from which mechanics begin, over the range that a record can show."""
 _GROUND = 10
 """Iterations of a fit that others are scored at: its direction counts, not its last digit."""
 
@@ -34,7 +38,7 @@ def in_detail(fit: Fit) -> list[Richer]:
         if not effect.structural:
             found += _in_other_forms(fit, name)
     mechanics = with_mechanics(fit)
-    return found if mechanics is None else [*found, mechanics]
+    return found if mechanics is None else [*found, mechanics, *_elsewhere(mechanics)]
 
 
 def with_mechanics(fit: Fit) -> Richer | None:
@@ -59,6 +63,18 @@ def with_mechanics(fit: Fit) -> Richer | None:
     except NO_FIT:
         return None
     return None if found is None else (question, found)
+
+
+def _elsewhere(mechanics: Richer) -> list[Richer]:
+    """The same mechanics from other natural frequencies, a factor of two and a half apart.
+
+    What excites a resonance may be a single event, whose spectrum is lost in that of the record.
+    """
+    question, start = mechanics
+    omega = next(f"{n}.omega" for n, e in question.model if isinstance(e, SecondOrder))
+    step = question.campaign.records[0].step
+    grid = np.geomspace(0.05, 0.8, _RESONANCES) * np.pi / step
+    return [(question, {**start, omega: float(value)}) for value in grid]
 
 
 def on_spring(fit: Fit) -> Fit | None:

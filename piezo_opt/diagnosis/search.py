@@ -22,7 +22,7 @@ from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import worth
 from piezo_opt.diagnosis.members import Hypothesis, Members
-from piezo_opt.diagnosis.moves import adds, details, imitations, laws, less, pairs
+from piezo_opt.diagnosis.moves import adds, details, imitations, laws, less, pairs, still
 from piezo_opt.diagnosis.residue import is_noise
 from piezo_opt.diagnosis.scores import Suspect, Unscored
 from piezo_opt.diagnosis.scoring import scored
@@ -104,15 +104,20 @@ def search(
     book = Book(foot, len(offered), threads)
     suspects: tuple[Suspect, ...] = ()
     unscored: tuple[Unscored, ...] = ()
-    expanded: set[Hypothesis] = set()
+    expanded: dict[Hypothesis, Fit] = {}
     spare: set[Hypothesis] = set()
+
+    def ahead(members: Members) -> bool:
+        """Whether a set was not expanded, or has left behind where it was."""
+        then = expanded.get(members.hypothesis)
+        return then is None or worth(then, book[members], book.colour) >= least
+
     try:
         with limit:
             tried, before = 0, foot
             while len(expanded) < effort.expansions and tried < effort.beam:
                 promising = [m for m in book.leading if m.hypothesis not in spare]
-                fresh = (m for m in promising[: effort.beam] if m.hypothesis not in expanded)
-                at = next(fresh, None)
+                at = next((m for m in promising[: effort.beam] if ahead(m)), None)
                 if at is None:
                     break
                 fit = book.settled(at)
@@ -120,7 +125,7 @@ def search(
                     spare.add(at.hypothesis)
                     continue
                 done = is_noise(fit)
-                expanded.add(at.hypothesis)
+                expanded[at.hypothesis] = fit
                 tell(f"{_named(at)} leaves {show(fit.rms, 'm')}; fitting its neighbours")
                 near, lacking, colour = _scored(fit, offered, book.colour, threads)
                 if not suspects:
@@ -134,9 +139,9 @@ def search(
                 book.race(starts)
                 if done and book.best == at:
                     break
-                ahead = book[book.best]
-                tried = 0 if worth(before, ahead, book.colour) >= least else tried + 1
-                before = ahead if tried == 0 else before
+                best = book[book.best]
+                tried = 0 if worth(before, best, book.colour) >= least else tried + 1
+                before = best if tried == 0 else before
     except KeyboardInterrupt:
         book.closed = True
         return Searched(book, suspects, unscored, True)
@@ -146,7 +151,7 @@ def search(
 def _lightened(book: Book, at: Members, fit: Fit, least: float) -> bool:
     """Whether a set can do without one of its effects; each is taken out in turn."""
     fewer = [start for _, start in less(at, fit)]
-    book.race([*fewer, *(Start(start.members, None) for start in fewer)])
+    book.race(fewer)
     return any(
         worth(book[start.members], fit, book.colour) < least
         for start in fewer if start.members in book
@@ -164,19 +169,27 @@ def _grown(
     everybody = at == book.base and not done
     most = len({s.name for s in near}) if everybody else effort.near
     starts = [*adds(at, near, most, book), *details(book[at], book)]
-    return starts if done else [*starts, *pairs(at, near, effort.near, book)]
+    if done:
+        return starts
+    return [*starts, *still(at, book[at], book.question), *pairs(at, near, effort.near, book)]
 
 
 def _exchanged(
     book: Book, at: Members, offered: Sequence[Effect], effort: Effort, threads: int
 ) -> list[Start]:
-    """One member in the place of another."""
+    """One member in the place of another, or the same one elsewhere in its shapes.
+
+    Who is asked for the place is scored where the rest of the set stands beside the member: there
+    the rest is not bent by its absence.
+    """
     starts = imitations(at, book[at], offered)
     for name in at.names:
         rest = at.without(name)
+        beside = book.standing(rest, book[at])
+        if beside is not None:
+            others, _, _ = _scored(beside, offered, book.colour, threads)
+            starts += adds(rest, others, effort.near, book, fresh=False)
         if rest in book:
-            others, _, _ = _scored(book[rest], offered, book.colour, threads)
-            starts += adds(rest, others, effort.near, book)
             starts += details(book[rest], book)
     return starts
 

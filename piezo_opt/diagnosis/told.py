@@ -114,7 +114,7 @@ def told(book: Book, suspects: Sequence[Suspect], least: float, judge: Judge) ->
             :func:`~piezo_opt.diagnosis.evidence.worth`).
         judge: where fits are judged.
     """
-    best = _worthy(book, book.best, least)
+    best = _likeliest(book, _worthy(book, book.best, least), suspects)
     steps = _steps(book, best, suspects, least, judge)
     return Told(best, book.settled(best), steps, _refined(book, best), _rivals(book, best, judge))
 
@@ -132,6 +132,24 @@ def _worthy(book: Book, best: Members, least: float) -> Members:
         if lean == best:
             return best
         best = lean
+
+
+def _likeliest(book: Book, best: Members, suspects: Sequence[Suspect]) -> Members:
+    """Of sets that differ in one effect and that the criterion cannot tell apart, the likeliest.
+
+    The likeliest is the one whose effect scored highest at the foot, before any refit.
+    """
+    at_foot = {s.name: s.score for s in reversed(suspects) if not s.wrong_side}
+    even = [m for m in book.leading if book.price(m) - book.price(best) < RESOLUTION]
+
+    def ahead(members: Members) -> float:
+        return sum(at_foot.get(n, 0.0) for n in members.names)
+
+    alike = [
+        m for m in even
+        if len(m.names) == len(best.names) and len({*m.names} - {*best.names}) <= 1
+    ]  # fmt: skip
+    return max([best, *alike], key=ahead)
 
 
 def _fewer(book: Book, best: Members) -> list[Members]:

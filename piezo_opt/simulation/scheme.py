@@ -170,7 +170,7 @@ def _sub_step(
 
     after = moved(whole, x + (h * (1.0 / 6.0)) * (n1 + 2.0 * (n2 + n3) + n4))
     if system.becomes is not None:
-        after = system.becomes(t + h, after, u + du * h, c + dc * h, p)
+        after = system.becomes(t + h, after, u + du * h, du, c + dc * h, p)
     return ca.densify(after)
 
 
@@ -249,7 +249,7 @@ def _pattern(system: System, directions: Sequence[str]) -> NDArray[np.bool_]:
     start_p, start_x = dense(system.start, 0, 3), dense(system.start, 0, 4)
     if system.becomes is not None:
         a |= dense(system.becomes, 0, 1)
-        b |= dense(system.becomes, 0, 4)
+        b |= dense(system.becomes, 0, 5)
     pattern = np.zeros((nx, nd), dtype=bool)
     delays = _delay_directions(system, directions)
     for column, name in enumerate(directions):

@@ -153,7 +153,7 @@ def plan(given: Given, system: System, prefix: str, substeps: Substeps) -> Plan:
         system.start(time, drive, c, p, still),
     ]
     if system.becomes is not None:
-        outputs.append(system.becomes(time, x, drive, c, p))
+        outputs.append(system.becomes(time, x, drive, slope, c, p))
     graph = Graph()
     signals, rates, reading, start, *jumps = graph.take(instant, leaves, outputs)
     names: dict[int, str] = {}
