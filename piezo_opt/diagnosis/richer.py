@@ -8,6 +8,7 @@ fixed until the record pays for them; an effect may be written in other *forms*;
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -37,18 +38,19 @@ def in_detail(fit: Fit) -> list[Richer]:
     for name, effect in fit.model:
         if not effect.structural:
             found += _in_other_forms(fit, name)
-    mechanics = with_mechanics(fit)
-    return found if mechanics is None else [*found, mechanics, *_elsewhere(mechanics)]
+    return [*found, *with_mechanics(fit)]
 
 
-def with_mechanics(fit: Fit) -> Richer | None:
-    """Free mechanics for a fit that has none, or none with a mass.
+def with_mechanics(fit: Fit) -> list[Richer]:
+    """Free mechanics for a fit that has none, or none with a mass, from several resonances.
 
-    Forces that act on a spring without mass are as strong per omega^2 as they were there.
+    The likeliest by the spectrum first, then some a factor of two and a half apart: what excites a
+    resonance may be a single event, whose spectrum is lost in that of the record. Forces that act
+    on a spring without mass are as strong per omega^2 as they were there.
     """
     spring = next((name for name, effect in fit.model if isinstance(effect, Spring)), "")
     if not fit.model.quasi_static and not spring:
-        return None
+        return []
     mechanics = SecondOrder()
     model = fit.model.replaced(spring, mechanics) if spring else fit.model + mechanics
     joined = next(name for name, effect in model if effect == mechanics)
@@ -58,23 +60,15 @@ def with_mechanics(fit: Fit) -> Richer | None:
         for name, gate in fit.model.gates.items()
         if spring and fit.model[name].place is Place.MOTION
     }
-    try:
-        found = resonance_start(question, fit.values, fit.residual(0), joined, softness)
-    except NO_FIT:
-        return None
-    return None if found is None else (question, found)
-
-
-def _elsewhere(mechanics: Richer) -> list[Richer]:
-    """The same mechanics from other natural frequencies, a factor of two and a half apart.
-
-    What excites a resonance may be a single event, whose spectrum is lost in that of the record.
-    """
-    question, start = mechanics
-    omega = next(f"{n}.omega" for n, e in question.model if isinstance(e, SecondOrder))
+    found: list[Richer] = []
+    with suppress(*NO_FIT):
+        likeliest = resonance_start(question, fit.values, fit.residual(0), joined, softness)
+        found += [] if likeliest is None else [(question, likeliest)]
     step = question.campaign.records[0].step
-    grid = np.geomspace(0.05, 0.8, _RESONANCES) * np.pi / step
-    return [(question, {**start, omega: float(value)}) for value in grid]
+    for omega in np.geomspace(0.05, 0.8, _RESONANCES) * np.pi / step:
+        strengths = {gate: float(soft * omega**2) for gate, soft in softness.items()}
+        found.append((question, {**fit.values, **strengths, f"{joined}.omega": float(omega)}))
+    return found
 
 
 def on_spring(fit: Fit) -> Fit | None:
@@ -90,14 +84,11 @@ def on_spring(fit: Fit) -> Fit | None:
 
 def on_mechanics(fit: Fit) -> Fit | None:
     """A quasi-static fit with free mechanics; None where it shows none."""
-    moving = with_mechanics(fit)
-    if moving is None:
-        return None
-    try:
-        found = refit(*moving, _GROUND)
-    except NO_FIT:
-        return None
-    return found if found.rms < fit.rms else None
+    best = fit
+    for question, start in with_mechanics(fit)[:1]:
+        with suppress(*NO_FIT):
+            best = min(best, refit(question, start, _GROUND), key=lambda one: one.rms)
+    return None if best is fit else best
 
 
 def _in_other_forms(fit: Fit, name: str) -> list[Richer]:
