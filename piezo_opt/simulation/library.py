@@ -47,6 +47,8 @@ WRITERS: Final = (
     "instructions.py", "emit.py", "powers.py", "library.py", "undivided.py",
 )  # fmt: skip
 """Files of this folder that a library follows from."""
+_NAMELESS: Final = "po_nameless_"
+"""Begins the symbols of a library while its text, of which its name is made, is not known yet."""
 _TEXT: Final = 60_000
 """Letters of one text: some tenths of a second of a compiler."""
 
@@ -150,7 +152,10 @@ def functions_of(effect: Effect, runtime: frozenset[str]) -> Functions | None:
 @one_at_a_time
 def _own(form: Effect, runtime: frozenset[str]) -> Library | None:
     """A small library of one form."""
-    text = _texts({"own": (form, runtime)}, {})
+    text = _texts({"own": (form, runtime)}, {}, _NAMELESS)
+    # Every library has symbols of its own: a model may hold effects of several.
+    known = digest("".join(text.values()).encode())[:16]
+    text = {name: said.replace(_NAMELESS, f"po_{known}_") for name, said in text.items()}
     loaded = load("".join(text.values()), lambda _: text)
     return None if loaded is None else Library(loaded)
 
@@ -190,7 +195,9 @@ def _write_catalogue(_: str) -> Mapping[str, str]:
 
 
 def _texts(
-    forms: Mapping[str, tuple[Effect, frozenset[str]]], shared: Mapping[str, Written]
+    forms: Mapping[str, tuple[Effect, frozenset[str]]],
+    shared: Mapping[str, Written],
+    prefix: str = "po_",
 ) -> dict[str, str]:
     """C texts of forms by file name, the head that they include among them."""
     told: dict[str, Any] = {}
@@ -199,7 +206,7 @@ def _texts(
         form, functions = written(effect, runtime)
         parts: dict[str, Part] = {}
         for kind, function in functions.items():
-            symbol = f"po_{number}_{len(parts)}"
+            symbol = f"{prefix}{number}_{len(parts)}"
             text, kept = c_functions(symbol, function)
             pieces.append(text)
             parts[kind] = replace(form.parts[kind], symbol=symbol, kept=kept)

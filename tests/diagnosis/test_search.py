@@ -1,0 +1,211 @@
+"""Laws of the search: on linear members it is enumeration, and nothing depends on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from math import comb, log
+from typing import Any, ClassVar, final
+
+import numpy as np
+import pytest
+
+import piezo_opt as po
+from piezo_opt.diagnosis import Diagnosis, diagnose
+from piezo_opt.diagnosis.members import Members
+from piezo_opt.effects import Creep, DeadZone, Effect, Offset, PiezoGain, Saturation, SlewLimit
+from piezo_opt.effects.base import Chain, Equations, Parameter, Place
+from piezo_opt.effects.catalogue import CATALOGUE
+from piezo_opt.measurement import FloatArray
+from piezo_opt.symbolic import sin
+from tests.diagnosis.plants import MOVING, STILL, but, clock, measured, rich
+
+LINE = PiezoGain() + Offset()
+TIME = clock(1200)
+NOISE = 5e-9
+
+
+AMPLITUDE = Parameter("m", "amplitude", nominal=0.0, bounds=(-1e-6, 1e-6), null=0.0)
+
+
+def tone(frequency: float, chain: Chain, p: Any) -> Equations:
+    """y = x + a sin(2 pi f t), linear in its only parameter."""
+    return Equations(gives=chain.incoming.value + p.a * sin(2.0 * np.pi * frequency * chain.time))
+
+
+@final
+@dataclass(frozen=True)
+class ToneA(Effect):
+    """A tone of 3.0 Hz."""
+
+    frequency: ClassVar[float] = 3.0
+    place = Place.OUTPUT
+    a = AMPLITUDE
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """The reading with the tone."""
+        return tone(3.0, chain, p)
+
+
+@final
+@dataclass(frozen=True)
+class ToneB(Effect):
+    """A tone of 3.4 Hz."""
+
+    frequency: ClassVar[float] = 3.4
+    place = Place.OUTPUT
+    a = AMPLITUDE
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """The reading with the tone."""
+        return tone(3.4, chain, p)
+
+
+@final
+@dataclass(frozen=True)
+class ToneC(Effect):
+    """A tone of 5.0 Hz."""
+
+    frequency: ClassVar[float] = 5.0
+    place = Place.OUTPUT
+    a = AMPLITUDE
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """The reading with the tone."""
+        return tone(5.0, chain, p)
+
+
+@final
+@dataclass(frozen=True)
+class ToneD(Effect):
+    """A tone of 11.0 Hz."""
+
+    frequency: ClassVar[float] = 11.0
+    place = Place.OUTPUT
+    a = AMPLITUDE
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """The reading with the tone."""
+        return tone(11.0, chain, p)
+
+
+Tone = ToneA | ToneB | ToneC | ToneD
+TONES: tuple[Tone, ...] = (ToneA(), ToneB(), ToneC(), ToneD())
+
+
+def tones(**sizes: float) -> po.Measurement:
+    """A straight actuator with tones of given amplitudes [m] in its reading."""
+    waves = {t.name: np.sin(2.0 * np.pi * t.frequency * TIME) for t in TONES}
+    reading = 1.2e-7 * rich(TIME) + sum(a * waves[name] for name, a in sizes.items())
+    noise = NOISE * np.random.default_rng(7).normal(size=TIME.size)
+    return po.Measurement(TIME, rich(TIME), reading + noise, allow_saturated=True)
+
+
+def searched(record: po.Measurement, offered: tuple[Tone, ...] = TONES) -> Diagnosis:
+    return diagnose(
+        po.Identification(LINE, record), candidates=offered, withhold=tuple(CATALOGUE),
+        advise=False, effort=po.Effort.THOROUGH, worth=0.05,
+    )  # fmt: skip
+
+
+def enumerated(record: po.Measurement) -> set[str]:
+    """The set of least extended BIC, by least squares on all sixteen."""
+    n, base = TIME.size, [rich(TIME), np.ones_like(TIME)]
+
+    def criterion(chosen: tuple[Tone, ...]) -> float:
+        columns: list[FloatArray] = [
+            *base,
+            *(np.sin(2.0 * np.pi * t.frequency * TIME) for t in chosen),
+        ]
+        matrix = np.column_stack(columns)
+        size, *_ = np.linalg.lstsq(matrix / np.abs(matrix).max(axis=0), record.position)
+        left = record.position - matrix / np.abs(matrix).max(axis=0) @ size
+        price = len(columns) * log(n) + 2.0 * log(comb(len(TONES), len(chosen)))
+        return n * log(float(left @ left) / n) + price
+
+    sets = [s for k in range(len(TONES) + 1) for s in combinations(TONES, k)]
+    return {tone.name for tone in min(sets, key=criterion)}
+
+
+@pytest.mark.parametrize(
+    "sizes",
+    [
+        {}, {"tone_a": 6e-9}, {"tone_b": 6e-9, "tone_d": 4e-9},
+        # The two neighbours nearly cancel: neither explains much alone.
+        {"tone_a": 2e-8, "tone_b": -2e-8}, {"tone_b": 9e-9, "tone_c": 5e-9, "tone_d": 4e-9},
+    ],
+)  # fmt: skip
+def test_on_linear_members_the_search_is_enumeration(sizes: dict[str, float]) -> None:
+    record = tones(**sizes)
+    found = searched(record)
+    assert {step.name for step in found.steps} == enumerated(record) == set(sizes)
+    # What the user reads is the final model.
+    assert set(found.final.model.names) == {*LINE.names, *sizes}
+
+
+def test_the_order_of_candidates_changes_nothing() -> None:
+    record = tones(tone_a=2e-8, tone_b=-2e-8, tone_d=4e-9)
+    one, other = searched(record), searched(record, TONES[::-1])
+    assert [s.name for s in one.steps] == [s.name for s in other.steps]
+    assert one.final.rms == pytest.approx(other.final.rms, rel=1e-9)
+
+
+def test_rescaled_lengths_change_nothing() -> None:
+    record = tones(tone_b=6e-9, tone_d=4e-9)
+    larger = record.with_(position=8.0 * record.position)
+    one, other = searched(record), searched(larger)
+    assert [s.name for s in one.steps] == [s.name for s in other.steps]
+    assert other.final.rms == pytest.approx(8.0 * one.final.rms, rel=1e-6)
+
+
+def test_a_set_is_the_same_whichever_way_it_was_reached() -> None:
+    base = Members(STILL)
+    one = base.with_(Creep()).with_(Saturation())
+    other = base.with_(Saturation()).with_(DeadZone()).with_(Creep()).without("dead_zone")
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one.model.names == other.model.names
+
+
+def test_an_effect_that_only_the_end_shows_is_found() -> None:
+    """One peak near the end alone goes beyond the amplifier's range; nothing is held out."""
+    time = clock(1500)
+    drive = 30.0 + 20.0 * np.sin(2 * np.pi * 2.3 * time)
+    late = (time > 1.3) & (time < 1.4)
+    drive[late] += 20.0 * np.sin(np.pi * (time[late] - 1.3) / 0.1) ** 2
+    hidden = Saturation(), {"s": 1.0, "v_s": 55.0, "softness": 0.005}
+    record = measured(MOVING, time, drive, hidden)
+    found = diagnose(record, advise=False, withhold=but("saturation", "creep", "asymmetry"))
+    assert [step.name for step in found.steps] == ["saturation"]
+    assert found.final.values["saturation.v_s"] == pytest.approx(55.0, abs=0.2)
+    assert found.final.rms == pytest.approx(NOISE, rel=0.05)
+
+
+def test_a_limited_rate_may_be_another_downwards() -> None:
+    time = clock(1500)
+    drive = 30.0 + 15.0 * np.sin(2 * np.pi * 2.3 * time)
+    late = (time > 1.2) & (time < 1.4)
+    drive[late] += 12.0 * np.sign(np.sin(2 * np.pi * 20.0 * (time[late] - 1.2)))
+    own = {"share": 1.0, "rate": 1500.0, "fall": 2.5, "tau": 1e-3, "softness": 0.05}
+    record = measured(STILL, time, drive, (SlewLimit(), own))
+    found = diagnose(record, advise=False, withhold=but("slew_limit", "amplifier_lag", "creep"))
+    assert [step.name for step in found.steps] == ["slew_limit"]
+    rate, fall = (found.final.values[f"slew_limit.{k}"] for k in ("rate", "fall"))
+    assert rate == pytest.approx(1500.0, rel=0.03)
+    assert rate * fall == pytest.approx(3750.0, rel=0.03)
+
+
+def test_a_small_play_of_the_drive_is_told_from_one_of_the_motion() -> None:
+    time = clock(1500)
+    drive = 40.0 * np.sin(2 * np.pi * 3.0 * time) + 20.0 * np.sin(2 * np.pi * 7.3 * time)
+    record = measured(STILL, time, drive, (DeadZone(before=True), {"b": 0.2}))
+    found = diagnose(record, advise=False, withhold=but("dead_zone", "friction", "creep"))
+    assert [step.effect for step in found.steps] == [DeadZone(before=True)]
+    assert found.final.values["dead_zone.b"] == pytest.approx(0.2, rel=0.05)
+
+
+def test_two_effects_of_ones_own_each_keep_their_equations() -> None:
+    values = {"piezo_gain.d": 0.0, "tone_a.a": 2e-7, "tone_b.a": -1e-7}
+    reading = po.simulate(LINE + ToneA() + ToneB(), tones(), values).reading
+    expected = 2e-7 * np.sin(6.0 * np.pi * TIME) - 1e-7 * np.sin(6.8 * np.pi * TIME)
+    np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-18)
