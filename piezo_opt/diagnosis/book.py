@@ -64,8 +64,9 @@ class Book:
         self.base = Members.of(foot.question, foot.question)
         self.colour = Colour.white([int(r.counted.sum()) for r in foot.records])
         self.refits = 0
-        self.closed = False
-        """Whether it is only read any more: nothing is fitted after an interrupt."""
+        self.brief = False
+        """Whether no fit goes on after its first iterations: after an interrupt what the answer
+        still needs is fitted so."""
         self._choices = choices
         self._threads = threads
         self._fits: dict[Members, Fit] = {self.base: foot}
@@ -109,7 +110,7 @@ class Book:
     def settled(self, members: Members) -> Fit:
         """The fit of a set, gone on with until it has converged."""
         fit = self._fits[members]
-        if not (fit.outcome.success or self.closed or members == self.base):
+        if not (fit.outcome.success or self.brief or members == self.base):
             self._went_on(members, fit, _SETTLED)
         return self._fits[members]
 
@@ -128,13 +129,13 @@ class Book:
 
     def race(self, starts: Sequence[Start]) -> None:
         """Fit sets from their starts in rounds; who is behind is left where he is."""
-        fresh = [] if self.closed else [start for start in starts if self._new(start)]
+        fresh = [start for start in starts if self._new(start)]
         with Pool(max_workers=self._threads) as pool:
             running = [
                 (members, fit) for members, fit in pool.map(self._first, fresh) if fit is not None
             ]
             iterations = _FIRST
-            for _ in range(_ROUNDS):
+            for _ in range(0 if self.brief else _ROUNDS):
                 ahead: dict[Members, Fit] = {}
                 for members, fit in running:
                     if members not in ahead or fit.rms < ahead[members].rms:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, final
@@ -74,6 +74,8 @@ class Diagnosis:
             unless that is the verdict.
         rivals: other hysteresis laws in the place of the base model's own, best first; tried where
             more than noise was left on the way.
+        slight: effects that would help, but explain too little to bear a name, and how much:
+            sqrt(SSR without / SSR with - 1).
         foot, top: errors of the baseline and of the final model, fitted and held out; None
             without a search.
         stopped: who ended it early, where somebody did; the rest is the best so far.
@@ -95,6 +97,7 @@ class Diagnosis:
     invisible: tuple[str, ...] = ()
     unexplained: Unexplained | None = None
     rivals: tuple[Rival, ...] = ()
+    slight: tuple[tuple[str, float], ...] = ()
     foot: Point | None = None
     top: Point | None = None
     stopped: Stopped | None = None
@@ -219,6 +222,7 @@ class Diagnosis:
                 }
                 for r in self.rivals
             ],
+            "slight": [{"effect": name, "worth": worth} for name, worth in self.slight],
             "clues": list(self.structure.clues),
             "advice": list(self.advice),
             "experiments": [e.to_dict() for e in self.experiments],
@@ -246,6 +250,7 @@ class Diagnosis:
                     f"{worded(point.held_out):>10} {falls:>10}".rstrip()
                 )
         for title, sentences in (
+            ("Too slight to be named", tuple(_in_words(self.slight))),
             ("What is left", (*self.structure.clues, *_sentences(self.unexplained))),
             ("Other hysteresis laws", in_words(self.rivals)),
             ("Advice", self.advice),
@@ -337,6 +342,7 @@ def diagnose(
         structure=_elsewhere(structure(final, floor), answer, judge, floor),
         held_out=judge.sentence,
         rivals=answer.rivals,
+        slight=answer.slight,
         foot=Point("baseline", fit.rms, judge.error(fit)),
         top=Point("final", final.rms, judge.error(final)),
         refits=searched.book.refits,
@@ -432,6 +438,12 @@ def _elsewhere(found: Structure, answer: Told, judge: Judge, floor: NoiseFloor) 
     else:
         return found
     return Structure(True, (*found.clues, clue), only_elsewhere=not found.left)
+
+
+def _in_words(slight: Sequence[tuple[str, float]]) -> Iterator[str]:
+    for name, worth in slight:
+        grows = 100.0 * (math.sqrt(1.0 + worth**2) - 1.0)
+        yield f"{name}: the error is {grows:.2g} % larger without it (--worth {worth:.2g})."
 
 
 def _sentences(left: Unexplained | None) -> tuple[str, ...]:

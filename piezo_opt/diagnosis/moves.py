@@ -109,7 +109,7 @@ def laws(at: Members, fit: Fit, withheld: Sequence[str]) -> list[Start]:
     kept = {k: v for k, v in fit.values.items() if not k.startswith("initial.")}
     found = []
     for law in hysteresis_laws(withheld):
-        if law.name == own_law:
+        if law == at.base[own_law]:
             continue
         base = at.base.replaced(own_law, law)
         free = tuple(k for k in at.free if k.split(".")[0] != own_law)
@@ -122,7 +122,10 @@ def laws(at: Members, fit: Fit, withheld: Sequence[str]) -> list[Start]:
 def hysteresis_laws(withheld: Sequence[str]) -> list[Effect]:
     """The hysteresis laws of the catalogue."""
     return [
-        law for name, kind in CATALOGUE.items() if name not in withheld and is_law(law := kind())
+        law
+        for name, kind in CATALOGUE.items()
+        for law in kind.entries()
+        if name not in withheld and is_law(law)
     ]
 
 

@@ -143,7 +143,7 @@ def search(
                 tried = 0 if worth(before, best, book.colour) >= least else tried + 1
                 before = best if tried == 0 else before
     except KeyboardInterrupt:
-        book.closed = True
+        book.brief = True
         return Searched(book, suspects, unscored, True)
     return Searched(book, suspects, unscored, False)
 

@@ -95,6 +95,7 @@ class Told:
         steps: its effects, each in the order of what it explains.
         refined: details that are free, mechanics that joined, another law.
         rivals: the best that was found with each other hysteresis law, best first.
+        slight: effects of the best set that explain too little to bear a name, and how much.
     """
 
     members: Members
@@ -102,6 +103,7 @@ class Told:
     steps: tuple[Step, ...]
     refined: tuple[str, ...]
     rivals: tuple[Rival, ...]
+    slight: tuple[tuple[str, float], ...]
 
 
 def told(book: Book, suspects: Sequence[Suspect], least: float, judge: Judge) -> Told:
@@ -114,23 +116,36 @@ def told(book: Book, suspects: Sequence[Suspect], least: float, judge: Judge) ->
             :func:`~piezo_opt.diagnosis.evidence.worth`).
         judge: where fits are judged.
     """
-    best = _likeliest(book, _worthy(book, book.best, least), suspects)
+    worthy, slight = _worthy(book, book.best, least)
+    best = _likeliest(book, worthy, suspects)
     steps = _steps(book, best, suspects, least, judge)
-    return Told(best, book.settled(best), steps, _refined(book, best), _rivals(book, best, judge))
+    return Told(
+        best, book.settled(best), steps, _refined(book, best), _rivals(book, best, judge), slight
+    )
 
 
-def _worthy(book: Book, best: Members, least: float) -> Members:
-    """The set without effects, and then details, that explain too little, the weakest first."""
+def _worthy(
+    book: Book, best: Members, least: float
+) -> tuple[Members, tuple[tuple[str, float], ...]]:
+    """The set without effects, and then details, that explain too little, the weakest first.
+
+    Beside it the effects that were left out although the criterion is for them.
+    """
+    slight: list[tuple[str, float]] = []
     while True:
         fit = book.settled(best)
         asked = [(_explains(book, less, fit), less) for less in _fewer(book, best)]
         weakest = min(asked, key=lambda pair: pair[0], default=None)
         if weakest is not None and weakest[0] < least:
-            best = weakest[1]
+            explains, less = weakest
+            if book.price(less) - book.price(best) > RESOLUTION:
+                (name,) = {*best.names} - {*less.names}
+                slight.append((name, explains))
+            best = less
             continue
         lean = _lean(book, best)
         if lean == best:
-            return best
+            return best, tuple(slight)
         best = lean
 
 

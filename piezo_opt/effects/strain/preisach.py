@@ -6,7 +6,27 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
+from piezo_opt.errors import ModelError
 from piezo_opt.symbolic import exp, play, stack, sum_, tanh
+
+_PLAYS = 16
+"""Plays of the form whose weights are free: their thresholds are then a thirtieth of the drive's
+range apart, and a loop of a few plays in between is met to a thousandth of the stroke."""
+
+
+def _weight(index: int) -> str:
+    return f"w{index + 1}"
+
+
+def _weights() -> dict[str, Parameter]:
+    """The free weights by name; together they are nominally those of a usual loop."""
+    return {
+        _weight(index): Parameter(
+            "m/V", f"weight of play {index + 1}", nominal=3e-8 / _PLAYS, bounds=(-1e-3, 1e-3),
+            typical=(0.0, 1e-8), when="free",
+        )
+        for index in range(_PLAYS)
+    }  # fmt: skip
 
 
 @final
@@ -17,28 +37,35 @@ class Preisach(Effect):
         z_i = min(max(z_i_before, v - r_i), v + r_i),   r_i = r i / k,   i = 1..k
         s += sum_i w_i b [tanh((z_i - c) / b) + tanh(c / b)]
         w_i = rho / k exp(-decay (i - 1) / k)
+        each w_i a parameter   free
 
     A Preisach operator is a superposition, over the half-distance r of a relay's thresholds, of
     functions of the play of radius r. Its density is w(r) sech^2((centre - c) / b) here: relays
     are rare far from the centre c, so the loop saturates and may be asymmetric, which plays alone
     cannot be. Unlike a grid of relays this is continuous, with derivatives by every parameter.
-    piezo_gain's d is the slope just after a turn.
+    piezo_gain's d is the slope just after a turn. With free weights the density over r is any; with
+    a broad one over the centre the plays are those of Prandtl and Ishlinskii. The first z_i is that
+    of a drive that came from the origin at once.
 
     References: Preisach (1935), Zeitschrift fuer Physik 94, 277-302; Brokate & Sprekels (1996),
     Hysteresis and Phase Transitions, Springer (Preisach operators through plays).
     """
 
     operators: int = 10
+    free: bool = False
+    variants = ({"free": False}, {"free": True, "operators": _PLAYS})
     place = Place.STRAIN
     structural = True
     z = State("V", "play of each operator", size="operators")
     rho = Parameter(
-        "m/V", "strength of the loop", nominal=3e-8, bounds=(0.0, 1e-3), typical=(5e-9, 1e-7)
-    )
+        "m/V", "strength of the loop", nominal=3e-8, bounds=(0.0, 1e-3), typical=(5e-9, 1e-7),
+        unless="free",
+    )  # fmt: skip
     decay = Parameter(
         "1", "decay of the density over the thresholds", nominal=1.0, bounds=(-20.0, 20.0),
-        typical=(0.0, 5.0),
+        typical=(0.0, 5.0), unless="free",
     )  # fmt: skip
+    vars().update(_weights())
     r = Parameter("V", "largest threshold", nominal=50.0, bounds=(1e-6, 1e6), typical=(1.0, 150.0))
     b = Parameter(
         "V", "breadth of the density", nominal=100.0, bounds=(1e-6, 1e6), typical=(1.0, 300.0)
@@ -47,15 +74,30 @@ class Preisach(Effect):
         "V", "centre of the density", nominal=0.0, bounds=(-1e6, 1e6), typical=(-50.0, 100.0)
     )
 
+    origin = Parameter(
+        "V", "drive from which the record's beginning was reached", nominal=0.0,
+        bounds=(-1e6, 1e6), typical=(-50.0, 100.0), fixed=True, detail=True, per_record=True,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.free and self.operators != _PLAYS:
+            raise ModelError(
+                f"{self.name}: operators is {self.operators}; with free weights it is {_PLAYS}."
+            )
+
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement; each operator is dragged by the drive."""
         v, k = chain.drive.value, self.operators
         radii = stack([p.r * (i + 1) / k for i in range(k)])
-        weights = stack([p.rho / k * exp(-p.decay * i / k) for i in range(k)])
+        if self.free:
+            weights = stack([getattr(p, _weight(i)) for i in range(k)])
+        else:
+            weights = stack([p.rho / k * exp(-p.decay * i / k) for i in range(k)])
         dragged = play(x.z, v, radii)
         bent = tanh((dragged - p.c) / p.b) + tanh(p.c / p.b)
         return Equations(
             gives=p.b * sum_(weights * bent),
             becomes={"z": dragged},
-            starts={"z": play(0.0 * radii, v, radii)},
+            starts={"z": play(p.origin + 0.0 * radii, v, radii)},
         )
