@@ -67,6 +67,7 @@ class Book:
         self.brief = False
         """Whether no fit goes on after its first iterations: after an interrupt what the answer
         still needs is fitted so."""
+        self._closest = foot
         self._choices = choices
         self._threads = threads
         self._fits: dict[Members, Fit] = {self.base: foot}
@@ -127,13 +128,19 @@ class Book:
         if fit.rms == fit.rms and (before is None or fit.rms < before.rms):
             self._fits[members] = fit
 
-    def race(self, starts: Sequence[Start]) -> None:
-        """Fit sets from their starts in rounds; who is behind is left where he is."""
+    def race(self, starts: Sequence[Start], kept: int = _KEPT) -> None:
+        """Fit sets from their starts in rounds; who is behind is left where he is.
+
+        Args:
+            starts: sets and where they begin.
+            kept: of so many sets one goes on after a round.
+        """
         fresh = [start for start in starts if self._new(start)]
         with Pool(max_workers=self._threads) as pool:
             running = [
                 (members, fit) for members, fit in pool.map(self._first, fresh) if fit is not None
             ]
+            self._recolour()
             iterations = _FIRST
             for _ in range(0 if self.brief else _ROUNDS):
                 ahead: dict[Members, Fit] = {}
@@ -141,14 +148,25 @@ class Book:
                     if members not in ahead or fit.rms < ahead[members].rms:
                         ahead[members] = fit
                 ranked = sorted(ahead.items(), key=lambda pair: self._criterion(*pair))
-                ranked = ranked[: max(_LEAST, -(-len(ranked) // _KEPT))]
+                ranked = ranked[: max(_LEAST, -(-len(ranked) // kept))]
                 open_ = [(m, f) for m, f in ranked if not f.outcome.success]
                 if not open_:
                     break
                 iterations *= 2
                 more = list(pool.map(partial(self._further, iterations=iterations), open_))
+                self._recolour()
                 done = [pair for pair in ranked if pair[1].outcome.success]
                 running = [*done, *((m, f) for m, f in more if f is not None)]
+
+    def _recolour(self) -> None:
+        """Take the noise's colour from what the closest fit leaves.
+
+        What a set lacks is no noise: taken from a worse fit, its colour would hide what is missing.
+        """
+        closest = min(self._fits.values(), key=lambda fit: fit.rms)
+        if closest is not self._closest:
+            self._closest = closest
+            self.colour = Colour.of(closest.residuals, self.colour.lengths)
 
     def fresh(self, members: Members) -> Values | None:
         """Where a first fit of a set would begin; None where nothing there can be simulated."""

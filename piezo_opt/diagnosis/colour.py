@@ -3,8 +3,8 @@
     e_t = r_t - a_1 r_(t-1) - ... - a_p r_(t-p)
 
 Errors of rivals are compared after this filter, because samples of correlated noise do not count
-one each. It is estimated from what is left beside *every* direction in which the reading could
-move, so that what the model lacks is not taken for the noise's colour.
+one each. It is estimated from what the closest fit leaves (:mod:`book`), so that what a model lacks
+is not taken for the noise's colour.
 
 Source: Brockwell & Davis (1991), Time Series, 2nd ed., ch. 5 (Levinson, Durbin) and 9 (order).
 """
@@ -83,13 +83,3 @@ class Colour:
             filtered[:order] = 0.0
             done.append(filtered)
         return np.concatenate(done)
-
-    def coloured(self, columns: FloatArray) -> FloatArray:
-        """What :meth:`whitened` has made white, (M, ...), as it was but for each beginning."""
-        if not self.coefficients:
-            return columns
-        taps = np.array([1.0, *(-a for a in self.coefficients)])
-        parts = np.split(columns, np.cumsum(self.lengths)[:-1])
-        return np.concatenate(
-            [np.asarray(scipy.signal.lfilter([1.0], taps, p, axis=0)) for p in parts]
-        )

@@ -16,7 +16,7 @@ import numpy as np
 
 from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.members import Members, is_law
-from piezo_opt.diagnosis.richer import in_detail
+from piezo_opt.diagnosis.richer import detailed, in_detail
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.catalogue import CATALOGUE
@@ -82,6 +82,22 @@ def details(fit: Fit, book: Book) -> list[Start]:
         Start(Members.of(question, book.question), dict(start))
         for question, start in in_detail(fit)
     ]
+
+
+def shaped(at: Members, most: int, book: Book) -> list[Start]:
+    """The best sets of one effect more, with the details of that effect free.
+
+    What an effect does may show in its details alone: a limit that differs up and down is no limit
+    that is the same.
+    """
+    more = [m for m in book.leading if m.base == at.base and {*at.names} < {*m.names}]
+    found = []
+    for members in [m for m in more if len(m.names) == len(at.names) + 1][:most]:
+        (newcomer,) = {*members.names} - {*at.names}
+        richer = detailed(book[members], newcomer)
+        if richer is not None:
+            found.append(Start(Members.of(richer[0], book.question), dict(richer[1])))
+    return found
 
 
 def still(at: Members, fit: Fit, foot: Identification) -> list[Start]:

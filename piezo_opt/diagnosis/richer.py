@@ -34,7 +34,7 @@ _GROUND = 10
 
 def in_detail(fit: Fit) -> list[Richer]:
     """Each effect in all its details and its finer form, each in its other forms, and mechanics."""
-    found = [detailed for name, _ in fit.model if (detailed := _detailed(fit, name)) is not None]
+    found = [more for name, _ in fit.model if (more := detailed(fit, name)) is not None]
     for name, effect in fit.model:
         if not effect.structural:
             found += _in_other_forms(fit, name)
@@ -108,7 +108,7 @@ def _in_other_forms(fit: Fit, name: str) -> list[Richer]:
     ]
 
 
-def _detailed(fit: Fit, name: str) -> Richer | None:
+def detailed(fit: Fit, name: str) -> Richer | None:
     """One effect in its finer form, with the details of its shape free."""
     effect = fit.model[name]
     finer, start = effect.finer(own(fit.values, name))

@@ -16,13 +16,10 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import final
 
-import numpy as np
-
 from piezo_opt.diagnosis.book import Book, Start
-from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import worth
 from piezo_opt.diagnosis.members import Hypothesis, Members
-from piezo_opt.diagnosis.moves import adds, details, imitations, laws, less, pairs, still
+from piezo_opt.diagnosis.moves import adds, details, imitations, laws, less, pairs, shaped, still
 from piezo_opt.diagnosis.residue import is_noise
 from piezo_opt.diagnosis.scores import Suspect, Unscored
 from piezo_opt.diagnosis.scoring import scored
@@ -127,21 +124,22 @@ def search(
                 done = is_noise(fit)
                 expanded[at.hypothesis] = fit
                 tell(f"{_named(at)} leaves {show(fit.rms, 'm')}; fitting its neighbours")
-                near, lacking, colour = _scored(fit, offered, book.colour, threads)
+                near, lacking = scored(fit, offered, threads, book.colour)
                 if not suspects:
                     suspects, unscored = near, lacking
-                if at in (book.base, book.best):
-                    book.colour = colour
                 starts = _grown(book, at, near, effort, done=done)
                 starts += _exchanged(book, at, offered, effort, threads)
+                # Laws have more numbers than an effect and come to their own later: all go on.
                 if at == book.best and not done:
-                    starts += laws(at, fit, withheld)
+                    book.race(laws(at, fit, withheld), kept=1)
                 book.race(starts)
+                book.race(shaped(at, effort.near, book))
                 if done and book.best == at:
                     break
                 best = book[book.best]
                 tried = 0 if worth(before, best, book.colour) >= least else tried + 1
                 before = best if tried == 0 else before
+            suspects, unscored = scored(foot, offered, threads, book.colour)
     except KeyboardInterrupt:
         book.brief = True
         return Searched(book, suspects, unscored, True)
@@ -187,26 +185,11 @@ def _exchanged(
         rest = at.without(name)
         beside = book.standing(rest, book[at])
         if beside is not None:
-            others, _, _ = _scored(beside, offered, book.colour, threads)
+            others, _ = scored(beside, offered, threads, book.colour)
             starts += adds(rest, others, effort.near, book, fresh=False)
         if rest in book:
             starts += details(book[rest], book)
     return starts
-
-
-def _scored(
-    fit: Fit, offered: Sequence[Effect], colour: Colour, threads: int
-) -> tuple[tuple[Suspect, ...], tuple[Unscored, ...], Colour]:
-    """Scores of the absent effects, and the colour of what is left beside all of them."""
-    suspects, unscored = scored(fit, offered, threads, colour)
-    left = colour.whitened(fit.residuals)
-    own = [s for s in suspects if s.base is fit]
-    if own:
-        columns = np.column_stack([s.direction for s in own])
-        size, *_ = np.linalg.lstsq(columns, left, rcond=1e-6)
-        left = left - columns @ size
-    lengths = [int(r.counted.sum()) for r in fit.records]
-    return suspects, unscored, Colour.of(colour.coloured(left), lengths)
 
 
 def _named(at: Members) -> str:

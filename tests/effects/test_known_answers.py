@@ -1094,6 +1094,23 @@ def test_backlash_loses_its_width_at_every_turn() -> None:
     np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-18)
 
 
+def test_free_weights_over_a_broad_density_are_a_sum_of_plays() -> None:
+    time, drive = wander()
+    model = PiezoGain() + Preisach(free=True, operators=16)
+    weights = 1e-9 * np.random.default_rng(3).uniform(0.0, 2.0, 16)
+    values = {f"preisach.w{i + 1}": w for i, w in enumerate(weights)}
+    largest = float(np.ptp(drive)) / 2.0
+    values |= {"preisach.r": largest, "preisach.b": 1e6, "preisach.c": 0.0, "preisach.origin": 7.0}
+    reading, _ = respond(model, time, drive, values, 1.0)
+    radii = largest * np.arange(1, 17) / 16.0
+    played = np.clip(7.0, drive[0] - radii, drive[0] + radii)
+    expected = []
+    for at in drive:
+        played = np.clip(played, at - radii, at + radii)
+        expected.append(GAIN * at + float(weights @ played))
+    np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-14)
+
+
 def test_a_loop_behind_a_play_of_the_drive_moves_as_far_as_the_play_does() -> None:
     """Against small steps: from the first instant of contact the loop's rate is the play's."""
     time = 1e-3 * np.arange(600)
