@@ -95,7 +95,7 @@ def _functions(system: System, exact: bool) -> dict[str, Written]:
         _START: (system.start(t, u, c, p, d), ca.vertcat(t, u, c, d)),
     }
     if system.becomes is not None:
-        found[_JUMP] = (system.becomes(t, x, u, c, p), ca.vertcat(t, x, u, c))
+        found[_JUMP] = (system.becomes(t, x, u, du, c, p), ca.vertcat(t, x, u, du, c))
     part = linear_part(system, exact)
     if part.blocks:
         matrix = part.matrix(p)
@@ -142,7 +142,7 @@ def _composition(system: System, exact: bool) -> Composition:
         "weigh": tuple(weights),
         "stage": (one(_RATE, now, rates),),
         "reading": (one(_READ, now, read),),
-        "jump": (one(_JUMP, (*t, *x, *u, *c), becomes),) if jumps else (),
+        "jump": (one(_JUMP, (*t, *x, *u, *du, *c), becomes),) if jumps else (),
         "start": (one(_START, (*t, *u, *c, *d), x),),
     }
     clocks, delay = _delay(system)

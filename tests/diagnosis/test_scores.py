@@ -333,7 +333,7 @@ def test_a_candidate_that_raises_is_reported_with_its_own_line(
     assert failed.name == effect.name
     source, first = inspect.getsourcelines(type(effect))
     number = first + next(i for i, text in enumerate(source) if line in text)
-    assert failed.why.startswith(f"{__file__}, line {number}: ")
+    assert f"{__file__}, line {number}: " in failed.why
 
 
 def test_what_the_record_lacks_is_said(still: BasePoint) -> None:

@@ -148,7 +148,9 @@ def compared(
         composed = ComposedEngine(made, directions, machine)
         x, s = composed.start(axis, p, unmoved)
         np.testing.assert_allclose(x, x_whole, rtol=1e-12, atol=1e-20)
-        np.testing.assert_allclose(s, s_whole, rtol=1e-9, atol=1e-20)
+        # Where terms cancel the rounding of one of them is left.
+        left = 1e-14 * np.abs(s_whole).max(axis=1, keepdims=True) + 1e-20
+        assert (np.abs(s - s_whole) <= 1e-9 * np.abs(s_whole) + left).all()
         assert (composed.code(s) is not None) == (machine and MACHINE)
         one = composed.run(axis, cut, p, x_whole, s_whole, states=True)
         same(model, directions, one, other)
