@@ -159,11 +159,12 @@ class Book:
                 running = [*done, *((m, f) for m, f in more if f is not None)]
 
     def _recolour(self) -> None:
-        """Take the noise's colour from what the closest fit leaves.
+        """Take the noise's colour from the closest fit, by the criterion of white noise.
 
         What a set lacks is no noise: taken from a worse fit, its colour would hide what is missing.
         """
-        closest = min(self._fits.values(), key=lambda fit: fit.rms)
+        white = Colour.white(self.colour.lengths)
+        closest = min(self._fits.values(), key=lambda fit: criterion(fit, white, 0, 1))
         if closest is not self._closest:
             self._closest = closest
             self.colour = Colour.of(closest.residuals, self.colour.lengths)
