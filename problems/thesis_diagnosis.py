@@ -7,8 +7,9 @@ effect is missing. As in the thesis' own search, alpha and beta may take either 
 Known answer. The record names a group and no effect. A hysteretic force in the mechanics, creep, a
 drift of the sensor, friction, and a loop that gives way sooner on one side bring the error to 0.10
 to 0.12 um, refitted, and the information criterion cannot tell them apart; which of them leads is
-chance. Asymmetry of the usual form is poorer (0.129 um). 51 readings in steps of a pixel and one slow way up and one down cannot do better: 2 %
-of the trace of creep is visible beside the fitted parameters.
+chance. Asymmetry of the usual form is poorer (0.129 um). 51 readings in steps of a pixel and one
+slow way up and one down cannot do better: 2 % of the trace of creep is visible beside the fitted
+parameters.
 
 Source: data/thesis (Table 3.1 of the thesis, Universiti Teknologi Malaysia, 2015). Creep of a
 Kelvin-Voigt chain: Croft, Shed and Devasia (2001), J. Dyn. Sys. Meas. Control 123(1), 35-43.
