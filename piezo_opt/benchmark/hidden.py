@@ -448,6 +448,9 @@ def _judge(nothing: None, job: _Job) -> Judged:  # noqa: ARG001
             threads=job.threads,
             advise=False,
         )
+        if found.stopped:
+            # An unfinished search answers with its best so far: that is no row of the table.
+            raise KeyboardInterrupt
         ended = perf_counter()
         held_out = Judge(test).error(found.final)
         begun = perf_counter()

@@ -6,6 +6,7 @@ import dataclasses
 import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -161,6 +162,14 @@ def test_a_record_that_breaks_is_counted_and_does_not_end_it(
     monkeypatch.setattr(hidden, "diagnose", stopped)
     with pytest.raises(KeyboardInterrupt):
         hidden_bench(["none"], 1, samples=1000)
+
+
+def test_an_unfinished_diagnosis_ends_the_bench_and_is_not_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(hidden, "diagnose", lambda *_, **__: SimpleNamespace(stopped=True))
+    with pytest.raises(KeyboardInterrupt):
+        hidden_bench(["none"], 2, samples=600)
 
 
 def test_group_sizes_and_the_plainest_search_are_counted() -> None:
