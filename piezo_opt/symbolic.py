@@ -136,23 +136,6 @@ def play(before: Expression, value: Expression, radius: Expression) -> Expressio
     return ca.if_else(value - before > radius, value - radius, pulled_down)
 
 
-_TOUCHING = 1e-9
-"""Part of its radius within which a play touches: far above round-off, far below any reading."""
-
-
-def dragged(
-    before: Expression, value: Expression, radius: Expression, rate: Expression
-) -> Expression:
-    """:func:`play` where its rate counts: in contact it follows ``value`` from the first instant.
-
-    ``rate`` says which side touches in this stretch; the other one has just been left.
-    """
-    near = _TOUCHING * radius
-    rising = ca.if_else(value - radius >= before - near, value - radius, before)
-    falling = ca.if_else(value + radius <= before + near, value + radius, before)
-    return ca.if_else(rate >= 0.0, rising, falling)
-
-
 def stack(parts: Sequence[Expression]) -> Expression:
     """One column from scalars or columns."""
     return ca.vertcat(*parts)

@@ -25,7 +25,7 @@ from piezo_opt.diagnosis.evidence import WORTH
 from piezo_opt.diagnosis.search import Effort
 from piezo_opt.effects.catalogue import effect
 from piezo_opt.errors import InputError
-from piezo_opt.identification import Identification
+from piezo_opt.identification import Fit, Identification
 from piezo_opt.measurement import Campaign, Measurement
 from piezo_opt.stopping import TimeLimit
 
@@ -54,7 +54,14 @@ def diagnose(
         list[str] | None,
         typer.Option(metavar="NAME", help="Effect not to be considered; repeat for more."),
     ] = None,
-    max_time: o.MaxTime = None,
+    max_time: Annotated[
+        str | None,
+        typer.Option(
+            metavar="'60 s'",
+            help="Then give the best so far. Unless given, a minute and 2 s more for every "
+            "thousand samples.",
+        ),
+    ] = None,
     effort: Annotated[
         EffortName,
         typer.Option(help="How many sets of effects are tried before it ends."),
@@ -132,7 +139,7 @@ def diagnose(
             withhold=withheld,
             effort=Effort[effort.name],
             worth=worth,
-            max_time=limit.left,
+            max_time=limit.left or _budget(baseline),
             progress=tell,
         )
     typer.echo(str(found))
@@ -166,6 +173,11 @@ def _overruled(
     for name in without:
         model = model.without(name) if name in model else model
     return question if model is question.model else question.with_model(model)
+
+
+def _budget(fit: Fit) -> float:
+    """Wall time [s] that a search may take where nobody has said: long for a hopeless record."""
+    return 60.0 + 2e-3 * sum(record.time.size for record in fit.records)
 
 
 def _judge(later: Campaign | None) -> Measurement | None:

@@ -22,7 +22,7 @@ from piezo_opt.diagnosis.structure import Structure, structure
 from piezo_opt.diagnosis.told import Rival, Step, Told, in_words, told
 from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
 from piezo_opt.effects.base import Effect
-from piezo_opt.effects.catalogue import CATALOGUE
+from piezo_opt.effects.catalogue import CATALOGUE, effect
 from piezo_opt.errors import InputError, ModelError
 from piezo_opt.identification import (
     Ending,
@@ -299,12 +299,17 @@ def diagnose(
         ``stopped`` says so.
 
     Raises:
-        InputError: ``max_time`` or ``worth`` is not a positive number.
+        InputError: ``max_time`` or ``worth`` is not a positive number, or there is no effect of a
+            name that is withheld.
     """
     if not (math.isfinite(worth) and worth > 0.0):
         raise InputError(f"worth={worth}: give a positive number, such as 0.35")
     if max_time is not None and not (math.isfinite(max_time) and max_time > 0.0):
         raise InputError(f"max_time={max_time}: give a positive number of seconds, or None")
+    own = {candidate.name for candidate in candidates}
+    for name in withhold:
+        if name not in own:
+            effect(name)
     began = time.monotonic()
     limit = TimeLimit(max_time)
     tell = limit.checking(progress if progress is not None else _silent)

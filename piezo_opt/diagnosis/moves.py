@@ -13,6 +13,7 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.members import Members, is_law
@@ -23,6 +24,11 @@ from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.errors import ModelError
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.shapes import own
+
+FloatArray = NDArray[np.float64]
+
+_SHARES = (0.15, 0.3, 0.5, 0.7)
+"""Of the drive's range: widths of a loop from which a law begins, a factor of two apart or less."""
 
 
 def adds(
@@ -121,7 +127,7 @@ def laws(at: Members, fit: Fit, withheld: Sequence[str]) -> list[Start]:
     own_law = at.law
     if own_law is None:
         return []
-    swing = max(float(np.ptp(record.drive)) for record in fit.records)
+    record = max(fit.records, key=lambda r: float(np.ptp(r.drive)))
     kept = {k: v for k, v in fit.values.items() if not k.startswith("initial.")}
     found = []
     for law in hysteresis_laws(withheld):
@@ -129,20 +135,25 @@ def laws(at: Members, fit: Fit, withheld: Sequence[str]) -> list[Start]:
             continue
         base = at.base.replaced(own_law, law)
         free = tuple(k for k in at.free if k.split(".")[0] != own_law)
-        members = replace(at, base=base, free=free)
-        found += [Start(members, {**kept, **widths}) for widths in _widths(law, swing)]
-        found.append(Start(members, None))
+        plain = replace(at, base=base, free=free)
+        own = _details(law)
+        detailed_ = replace(plain, free=tuple(sorted((*free, *own))))
+        for begun in _laws_starts(law, record.drive):
+            found.append(Start(plain, {**kept, **begun}))
+            if own:
+                found.append(Start(detailed_, {**kept, **begun, **_begins(law, record.drive)}))
+        found.append(Start(plain, None))
     return found
 
 
 def hysteresis_laws(withheld: Sequence[str]) -> list[Effect]:
-    """The hysteresis laws of the catalogue."""
-    return [
-        law
-        for name, kind in CATALOGUE.items()
-        for law in kind.entries()
-        if name not in withheld and is_law(law)
-    ]
+    """The hysteresis laws of the catalogue, each in its finer form as well."""
+    laws = [kind() for name, kind in CATALOGUE.items() if name not in withheld]
+    found: list[Effect] = []
+    for law in filter(is_law, laws):
+        finer, _ = law.finer({name: p.nominal for name, p in law.parameters.items()})
+        found += [law] if finer == law else [law, finer]
+    return found
 
 
 def imitations(at: Members, fit: Fit, offered: Sequence[Effect]) -> list[Start]:
@@ -222,12 +233,30 @@ def _allowed(members: Members) -> bool:
     ) and all("loop" not in e.requires or model.loop is not None for e in members.effects)
 
 
-def _widths(law: Effect, swing: float) -> list[dict[str, float]]:
-    """Starts for thresholds in volts: shares of the drive's range; none for a law without any."""
-    thresholds = [
-        f"{law.name}.{name}"
+def _laws_starts(law: Effect, drive: FloatArray) -> list[dict[str, float]]:
+    """Starts for a law's voltages: widths as shares of the drive's range, levels in its middle."""
+    volts = {
+        f"{law.name}.{name}": p.bounds[0] > 0.0
         for name, p in law.parameters.items()
-        if p.unit == "V" and p.bounds[0] > 0 and not p.fixed
+        if p.unit == "V" and not p.fixed
+    }
+    if not volts:
+        return []
+    low, high = float(drive.min()), float(drive.max())
+    return [
+        {name: share * (high - low) if wide else 0.5 * (low + high) for name, wide in volts.items()}
+        for share in _SHARES
     ]
-    shares = (0.15, 0.4, 0.8) if thresholds else ()
-    return [dict.fromkeys(thresholds, share * swing) for share in shares]
+
+
+def _details(law: Effect) -> tuple[str, ...]:
+    return tuple(f"{law.name}.{name}" for name in law.details)
+
+
+def _begins(law: Effect, drive: FloatArray) -> dict[str, float]:
+    """Where the record begins, for a voltage that every record has its own of."""
+    return {
+        f"{law.name}.{name}": float(drive[0])
+        for name in law.details
+        if law.parameters[name].per_record and law.parameters[name].unit == "V"
+    }

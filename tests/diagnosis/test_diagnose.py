@@ -255,6 +255,11 @@ def test_what_is_no_record_is_refused(wrong: Any) -> None:
         diagnose(wrong)
 
 
+def test_a_misspelt_name_is_not_withheld_in_silence(creeping: po.Fit) -> None:
+    with pytest.raises(InputError, match="crep"):
+        diagnose(creeping, ladder=False, withhold=["crep"])
+
+
 def test_an_interrupted_first_fit_is_not_diagnosed(
     creeping: po.Fit, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -195,15 +195,6 @@ def test_a_limited_rate_may_be_another_downwards() -> None:
     assert rate * fall == pytest.approx(3750.0, rel=0.03)
 
 
-def test_a_small_play_of_the_drive_is_told_from_one_of_the_motion() -> None:
-    time = clock(1500)
-    drive = 40.0 * np.sin(2 * np.pi * 3.0 * time) + 20.0 * np.sin(2 * np.pi * 7.3 * time)
-    record = measured(STILL, time, drive, (DeadZone(before=True), {"b": 0.2}))
-    found = diagnose(record, advise=False, withhold=but("dead_zone", "friction", "creep"))
-    assert [step.effect for step in found.steps] == [DeadZone(before=True)]
-    assert found.final.values["dead_zone.b"] == pytest.approx(0.2, rel=0.05)
-
-
 def test_two_effects_of_ones_own_each_keep_their_equations() -> None:
     values = {"piezo_gain.d": 0.0, "tone_a.a": 2e-7, "tone_b.a": -1e-7}
     reading = po.simulate(LINE + ToneA() + ToneB(), tones(), values).reading

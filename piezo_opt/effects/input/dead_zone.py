@@ -1,4 +1,4 @@
-"""A drive that does nothing near zero, or a drive or a reading that does nothing at a turn."""
+"""A drive that does nothing near zero, or a reading that does nothing at a turn."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
-from piezo_opt.symbolic import dragged, play, softplus, stack
+from piezo_opt.symbolic import play, softplus, stack
 
 _PLAYS = 4
 """Plays of which a finer backlash is made."""
@@ -16,83 +16,69 @@ _PLAYS = 4
 @final
 @dataclass(frozen=True)
 class DeadZone(Effect):
-    """Loss of slope around zero drive; or backlash, its form with a memory.
+    """Loss of slope around zero drive; or backlash, its form with a memory, behind the position.
 
         v = u + share (e [softplus((u - width) / e) - softplus((-u - width) / e)] - u)
         e = softness width
         y = mean of z_i,   z_i = min(max(z_before, x - w_i), x + w_i)   backlash
         w_i = w (1 + spread c_i),   c_i evenly within -1 and 1   backlash
-        v = mean of q_i,   q_i = min(max(q_before, u - b_i), u + b_i)   before
-        b_i = b (1 + spread c_i),   c_i evenly within -1 and 1   before
 
     At share = 1 the drive has no effect for |u| < width and is short by width beyond it.
     softplus(a) = log(1 + exp(a)). Backlash is a play of half width w between the position and the
     reading, exact while the position moves one way: z_before is the reading where it last turned.
-    At w = 0 the reading is the position. Before the actuator it is the drive that is lost, b. A
-    play that is taken up little by little, as by a rough surface, is several of them side by side;
-    spread is kept at 0 unless freed.
+    At w = 0 the reading is the position. A play that is taken up little by little, as by a rough
+    surface, is several of them side by side; spread is kept at 0 unless freed.
 
     References: Tao & Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor
     Nonlinearities, Wiley (dead-zone, backlash); Khalil (2002), Nonlinear Systems, sec. 1.2.7.
     """
 
     backlash: bool = False
-    before: bool = False
     plays: int = 1
-    variants = ({"backlash": False}, {"backlash": True}, {"before": True})
+    variants = ({"backlash": False}, {"backlash": True})
     z = State(
         "m", "reading at the last turn, play by play", size="plays", remanent=True, when="backlash"
     )
-    q = State(
-        "V", "drive at the last turn, play by play", size="plays", remanent=True, when="before"
-    )
     share = Parameter(
         "1", "slope lost around zero", nominal=0.0, bounds=(0.0, 1.0), typical=(0.1, 1.0),
-        null=0.0, unless=("backlash", "before"),
+        null=0.0, unless="backlash",
     )  # fmt: skip
     width = Parameter(
         "V", "half width of the zone", nominal=1.0, bounds=(1e-6, 1e5), typical=(1e-2, 10.0),
-        unless=("backlash", "before"),
+        unless="backlash",
     )  # fmt: skip
     softness = Parameter(
         "1", "rounding of the corners over the width", nominal=0.1, bounds=(1e-3, 1.0),
-        typical=(0.02, 0.3), fixed=True, detail=True, unless=("backlash", "before"),
+        typical=(0.02, 0.3), fixed=True, detail=True, unless="backlash",
     )  # fmt: skip
     w = Parameter(
         "m", "half of the lost motion", nominal=0.0, bounds=(0.0, 1e-2), typical=(1e-9, 1e-6),
         null=0.0, when="backlash",
     )  # fmt: skip
-    b = Parameter(
-        "V", "half of the lost drive", nominal=0.0, bounds=(0.0, 1e4), typical=(1e-2, 10.0),
-        null=0.0, when="before",
-    )  # fmt: skip
     spread = Parameter(
         "1", "largest width over the mean one, less 1", nominal=0.0, bounds=(0.0, 1.0),
-        typical=(0.0, 1.0), fixed=True, detail=True, when=("backlash", "before"),
+        typical=(0.0, 1.0), fixed=True, detail=True, when="backlash",
     )  # fmt: skip
 
     @property
     def place(self) -> Place:
-        """The input line; of backlash behind the actuator the output line."""
+        """The input line; of backlash the output line."""
         return Place.OUTPUT if self.backlash else Place.INPUT
 
     def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
         """Backlash with several plays, whose widths can spread."""
-        rough = (self.backlash or self.before) and self.plays == 1
+        rough = self.backlash and self.plays == 1
         return (replace(self, plays=_PLAYS), {}) if rough else (self, {})
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing drive, or the outgoing reading, remembered at the end of every stretch."""
         u = chain.incoming.value
-        if self.backlash or self.before:
+        if self.backlash:
             n = self.plays
-            name, half, held = ("q", p.b, x.q) if self.before else ("z", p.w, x.z)
             apart = ((2.0 * i + 1.0 - n) / n for i in range(n))
-            widths = stack([half * (1.0 + p.spread * c) for c in apart])
-            carried = play(held, u, widths)
-            follows = dragged(held, u, widths, chain.incoming.rate) if self.before else carried
-            mean = sum(follows[i] for i in range(n)) / n
-            return Equations(gives=mean, becomes={name: carried}, starts={name: stack([u] * n)})
+            carried = play(x.z, u, stack([p.w * (1.0 + p.spread * c) for c in apart]))
+            mean = sum(carried[i] for i in range(n)) / n
+            return Equations(gives=mean, becomes={"z": carried}, starts={"z": stack([u] * n)})
         corner = p.softness * p.width
         above = softplus((u - p.width) / corner)
         below = softplus((-u - p.width) / corner)

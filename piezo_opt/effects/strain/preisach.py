@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import exp as exp_
+from math import log
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
-from piezo_opt.errors import ModelError
 from piezo_opt.symbolic import exp, play, stack, sum_, tanh
 
 _PLAYS = 16
@@ -34,10 +36,11 @@ def _weights() -> dict[str, Parameter]:
 class Preisach(Effect):
     """Preisach operator with a factored density, in the place of bouc_wen.
 
-        z_i = min(max(z_i_before, v - r_i), v + r_i),   r_i = r i / k,   i = 1..k
+        z_i = min(max(z_i_before, v - r_i), v + r_i),   r_i = r (i / k)^spacing,   i = 1..k
         s += sum_i w_i b [tanh((z_i - c) / b) + tanh(c / b)]
         w_i = rho / k exp(-decay (i - 1) / k)
-        each w_i a parameter   free
+        w1 .. w16 are parameters   free
+        z_i begins at min(max(origin, v - r_i), v + r_i)
 
     A Preisach operator is a superposition, over the half-distance r of a relay's thresholds, of
     functions of the play of radius r. Its density is w(r) sech^2((centre - c) / b) here: relays
@@ -53,10 +56,9 @@ class Preisach(Effect):
 
     operators: int = 10
     free: bool = False
-    variants = ({"free": False}, {"free": True, "operators": _PLAYS})
     place = Place.STRAIN
     structural = True
-    z = State("V", "play of each operator", size="operators")
+    z = State("V", "play of each operator", size="plays")
     rho = Parameter(
         "m/V", "strength of the loop", nominal=3e-8, bounds=(0.0, 1e-3), typical=(5e-9, 1e-7),
         unless="free",
@@ -74,22 +76,34 @@ class Preisach(Effect):
         "V", "centre of the density", nominal=0.0, bounds=(-1e6, 1e6), typical=(-50.0, 100.0)
     )
 
+    spacing = Parameter(
+        "1", "exponent of the thresholds' distances, 1 for even ones", nominal=1.0,
+        bounds=(0.2, 5.0), typical=(0.5, 2.0), fixed=True, detail=True,
+    )  # fmt: skip
     origin = Parameter(
         "V", "drive from which the record's beginning was reached", nominal=0.0,
         bounds=(-1e6, 1e6), typical=(-50.0, 100.0), fixed=True, detail=True, per_record=True,
     )  # fmt: skip
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.free and self.operators != _PLAYS:
-            raise ModelError(
-                f"{self.name}: operators is {self.operators}; with free weights it is {_PLAYS}."
-            )
+    @property
+    def plays(self) -> int:
+        """Number of plays: as many as there are weights where these are free."""
+        return _PLAYS if self.free else self.operators
+
+    def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
+        """Free weights, which begin at those of the density."""
+        if self.free:
+            return self, {}
+        begin = {
+            _weight(i): own["rho"] / _PLAYS * exp_(-own["decay"] * i / _PLAYS)
+            for i in range(_PLAYS)
+        }
+        return replace(self, free=True), begin
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement; each operator is dragged by the drive."""
-        v, k = chain.drive.value, self.operators
-        radii = stack([p.r * (i + 1) / k for i in range(k)])
+        v, k = chain.drive.value, self.plays
+        radii = stack([p.r * exp(p.spacing * log((i + 1) / k)) for i in range(k)])
         if self.free:
             weights = stack([getattr(p, _weight(i)) for i in range(k)])
         else:
