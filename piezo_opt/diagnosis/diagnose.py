@@ -15,6 +15,7 @@ from piezo_opt.diagnosis.judge import Judge, worded
 from piezo_opt.diagnosis.members import law
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.diagnosis.points import Point, points
+from piezo_opt.diagnosis.residue import ABOVE
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name
 from piezo_opt.diagnosis.scoring import at_foot
 from piezo_opt.diagnosis.search import Effort, search
@@ -36,8 +37,6 @@ from piezo_opt.measurement import Campaign, Measurement
 from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import show
 
-_ABOVE = 1.5
-"""Residual over the noise floor above which it is asked whether it is a function of anything."""
 _CARRIES, _AS_SLOW = 3.0, 1.5
 """Held-out over fitted error from which an explanation does not carry over; where it leaves more
 than noise at the highest frequencies: slower noise would be as large on the other record."""
@@ -373,7 +372,7 @@ def _judged(found: Diagnosis, tell: Callable[[str], None], threads: int) -> Diag
     """With the verdict: whether what is left is noise, and if not, where a correction enters."""
     floor, final = found.noise, found.final
     correction: Unexplained | None = None
-    if found.structure.left or final.rms > _ABOVE * floor.rms:
+    if found.structure.left or final.rms > ABOVE * floor.rms:
         tell("looking for the smallest correction")
         correction = unexplained(final, floor, threads)
     # What can be described as a function of the chain's own signals is no noise either.
@@ -421,7 +420,7 @@ def _elsewhere(found: Structure, answer: Told, judge: Judge, floor: NoiseFloor) 
     if judge.record is None:
         return found
     there, here = judge.error(answer.final), answer.final.rms
-    carries = _CARRIES if here < _ABOVE * floor.rms else _AS_SLOW
+    carries = _CARRIES if here < ABOVE * floor.rms else _AS_SLOW
     if there < carries * here:
         return found
     judged = f"On the record that is judged on, '{judge.record.name}',"

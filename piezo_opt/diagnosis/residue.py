@@ -6,10 +6,11 @@ from piezo_opt.diagnosis.noise import noise_floor
 from piezo_opt.diagnosis.structure import structure
 from piezo_opt.identification import Fit
 
-_ABOVE = 1.5
+ABOVE = 1.5
+"""Residual over the floor above which more than half of its squares are none of the floor's."""
 
 
 def is_noise(fit: Fit) -> bool:
     """Whether nothing is left but noise, as far as the record can tell."""
     floor = noise_floor(fit)
-    return fit.rms <= _ABOVE * floor.rms and not structure(fit, floor).left
+    return fit.rms <= ABOVE * floor.rms and not structure(fit, floor).left
