@@ -235,7 +235,7 @@ def controller(
         Path,
         typer.Argument(
             metavar="TUNED.json",
-            help="JSON of piezo-opt tune pid, lqr or shaper; of a fit, for its inverse.",
+            help="JSON of piezo-opt tune pid, lqr, mpc or shaper; of a fit, for its inverse.",
             show_default=False,
         ),
     ],

@@ -26,10 +26,6 @@ typedef struct {
   double R, rho;
 } Program;
 
-static long program_size(long n) {
-  return n * (long)(SIDES * (sizeof(Side) / sizeof(double)) + (NZ + 2) + 3 + 2 * NZ);
-}
-
 static void forward(const Program *m, const double *w, double *z) {
   double now[NZ] = {0.0};
   for (long k = 0; k < m->n; ++k) {
@@ -159,7 +155,10 @@ static long solve_program(const Program *m, double *w, double *work, double *gap
   long count = 0, inside = 1;
   forward(m, w, z);
   /* Without limits first: one recursion. */
-  for (long k = 0; k < n * SIDES; ++k) sides[k] = (Side){0};
+  for (long k = 0; k < n * SIDES; ++k) {
+    Side *s = sides + k;
+    s->s = s->dual = s->extra = s->price = s->ds = s->ddual = s->dextra = s->weight = s->target = 0.0;
+  }
   backward(m, w, z, sides, gain, 1);
   direction(m, gain, step, dz);
   double scale = 0.0;
@@ -183,7 +182,7 @@ static long solve_program(const Program *m, double *w, double *work, double *gap
     return 0;
   }
   /* Slacks as large as a typical room, multipliers for a common product with them. */
-  const double start = fmax(START * scale / count, 1e-14);
+  const double start = fmax(START * scale / (double)count, 1e-14);
   for (long k = 0; k < n; ++k) {
     const double *limit = m->limits + k * SIDES;
     const double value[3] = {w[k], z[k * NZ + NZ - 1], output(m->C + k * NZ, z + k * NZ)};
@@ -219,7 +218,7 @@ static long solve_program(const Program *m, double *w, double *work, double *gap
             ahead += (s->extra + reach * s->dextra) * (s->price - reach * s->ddual);
         }
         const double share = ahead / (mu > 0.0 ? mu : 1.0);
-        centre = share * share * share * mu / count;
+        centre = share * share * share * mu / (double)count;
       }
       for (long k = 0; k < n; ++k) {
         const double *limit = m->limits + k * SIDES;
@@ -271,15 +270,6 @@ static long solve_program(const Program *m, double *w, double *work, double *gap
       break;
     }
   }
-  *gap_out = gap / count;
+  *gap_out = gap / (double)count;
   return done;
-}
-
-long po_program_size(long n) { return program_size(n); }
-
-void po_program(long n, long most, double R, double rho, const double *A, const double *B,
-                const double *C, const double *e, const double *q, const double *g,
-                const double *limits, double *w, double *work, double *told) {
-  const Program m = {n, most, A, B, C, e, q, g, limits, R, rho};
-  told[0] = (double)solve_program(&m, w, work, told + 1);
 }

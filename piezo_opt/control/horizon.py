@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
-from typing import final
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,40 @@ from piezo_opt.simulation.compiler import load
 from piezo_opt.symbolic import one_at_a_time
 
 FloatArray = NDArray[np.float64]
+
+_ENTRY: Final = """
+void po_linearise(long n, const double *p, double t, double T, const double *x0, double u0,
+                  long rise, long held, const double *w, double *A, double *B, double *C,
+                  double *y, double *end) {
+  linearise(n, p, t, T, x0, u0, rise, held, w, A, B, C, y, end);
+}
+
+void po_filter(const double *p, double t, double T, double before, double after, long rise,
+               long held, double seen, const double *noises, double *x, double *P, double *used) {
+  used[0] = -1.0;
+  if (predict(p, t - T, before, after, T, rise, held, noises, x, P))
+    used[0] = (double)correct(p, t, after, seen, noises, x, P);
+}
+
+void po_correct(const double *p, double t, double u, double seen, const double *noises, double *x,
+                double *P, double *used) {
+  used[0] = (double)correct(p, t, u, seen, noises, x, P);
+}
+
+double po_move(long n, long most, const double *p, double t, double T, const double *x0, double u0,
+               long delay, const double *pending, long rise, long held, const double *r,
+               const double *weights, const double *bounds, double *w, double *work,
+               double *told) {
+  return decide(n, most, p, t, T, x0, u0, delay, pending, rise, held, r, weights, bounds, w, work,
+                told);
+}
+
+long po_move_size(long n) {
+  return n * (NZ * NZ + 2 * NZ + 4 + SIDES + 1) + program_size(n);
+}
+void po_run(void) {}
+"""
+"""What Python calls; exported code has none of it."""
 
 
 @final
@@ -95,10 +129,10 @@ def _library(system: System) -> ctypes.CDLL:
     nx = len(system.state_names)
     after = resources.files(__package__).joinpath("predictive.c").read_text(encoding="utf-8")
     own = program_text(nx + 1) + f"#define NX {nx}\n#define ND {nx + 2}\n"
-    recipe = f"horizon {SOURCE} {own} {after} {system.recipe}"
+    recipe = f"horizon {SOURCE} {own} {after} {_ENTRY} {system.recipe}"
     library = load(
         recipe,
-        lambda _: own + period_text(system, nx + 2) + after + "\nvoid po_run(void) {}\n",
+        lambda _: own + period_text(system, nx + 2) + after + _ENTRY,
     )
     if library is None:
         raise needs_compiler("Predictive control")

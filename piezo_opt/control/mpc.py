@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -74,6 +74,10 @@ class MPC:
         rounds: linearisations and programs a sample; 1 is the real-time iteration, some ten give
             the converged solution.
 
+    Attributes:
+        gain: of the reading at rest [m/V], in size.
+        weights: of error, moves, the last error, and the price of a reading out of its limits.
+
     Raises:
         InputError: no horizon, or a delay that is not shorter; weights that are not positive.
 
@@ -110,9 +114,9 @@ class MPC:
         self.limits, self.stroke = limits or Limits(), stroke
         self.span, self.weight = span, weight
         self._model = self.observer.horizon
-        gain = self._gain()
+        self.gain = self._gain()
         # Cost in units of the span and of the drive that takes it.
-        volts = span / gain
+        volts = span / self.gain
         self.weights = np.array([1.0 / span**2, weight / volts**2, 1.0, PRICE / span])
         low, high = stroke or (-FAR, FAR)
         if not low < high:
@@ -123,6 +127,11 @@ class MPC:
         self._reference = None if reference is None else np.asarray(reference, dtype=float)
         self._work = np.zeros(self._model.library.po_move_size(horizon))
 
+    @property
+    def knows_ahead(self) -> bool:
+        """Whether the reference is known before."""
+        return self._reference is not None
+
     def _gain(self) -> float:
         """How far the reading at rest moves a volt [m/V], in size."""
         h = self._model
@@ -130,6 +139,16 @@ class MPC:
         if not np.isfinite(gain) or gain == 0.0:
             raise InputError("The position does not follow the drive: there is nothing to control.")
         return abs(gain)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, SI units, the model apart; infinite numbers are None."""
+        drive_noise, drift, noise, gate = (float(v) for v in self.observer.noises)
+        return {
+            "kind": "mpc", "horizon": self.horizon, "weight": self.weight, "span": self.span,
+            "stroke": None if self.stroke is None else list(self.stroke), "noise": noise,
+            "drive_noise": drive_noise, "drift": drift, "gate": gate if gate < 1e300 else None,
+            "delay": self.delay, "iterations": self.iterations, "rounds": self.rounds,
+        }  # fmt: skip
 
     def following(self, sample: int, reference: float) -> FloatArray:
         """(N,) references at the ends of the periods that a decision at a sample is about."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Final, final
 
@@ -66,6 +66,9 @@ class Observer:
         drift: of the disturbance's step in a period [m]; a tenth of the noise unless given.
         gate: distance from what is expected beyond which a reading is none [m].
 
+    Attributes:
+        noises: (4,) of the drive [V], of the disturbance, of the reading, and the gate [m].
+
     Raises:
         InputError: noises that are not positive.
 
@@ -84,7 +87,7 @@ class Observer:
                 f"{gate} m: the noise and the gate are positive, the others not negative"
             )
         self.horizon = Horizon(plant, values, period)
-        self._noises = np.array([drive_noise, walk, noise, min(gate, 1e300)])
+        self.noises = np.array([drive_noise, walk, noise, min(gate, 1e300)])
 
     def begin(self, drive: float = 0.0, uncertainty: float | None = None) -> Estimate:
         """At rest at a drive [V]; the disturbance may be anywhere within ``uncertainty`` [m].
@@ -93,7 +96,7 @@ class Observer:
         """
         states = np.append(self.horizon.rest(drive), 0.0)
         spread = np.zeros((states.size, states.size))
-        spread[-1, -1] = (1e3 * self._noises[2] if uncertainty is None else uncertainty) ** 2
+        spread[-1, -1] = (1e3 * self.noises[2] if uncertainty is None else uncertainty) ** 2
         return Estimate(0.0, states, spread, drive, drive)
 
     def first(self, estimate: Estimate, reading: float) -> Estimate:
@@ -102,14 +105,14 @@ class Observer:
         h = self.horizon
         h.library.po_correct(
             h.p.ctypes.data, estimate.time, estimate.drive, reading,
-            *(a.ctypes.data for a in (self._noises, x, p, used)),
+            *(a.ctypes.data for a in (self.noises, x, p, used)),
         )  # fmt: skip
-        return Estimate(estimate.time, x, p, estimate.before, estimate.drive, bool(used[0]))
+        return replace(estimate, states=x, covariance=p, used=bool(used[0]))
 
     def after(self, estimate: Estimate, drive: float, reading: float) -> Estimate:
         """One period later: the drive [V] that was held in it, and the reading [m] at its end."""
         x, p, used = estimate.states.copy(), estimate.covariance.copy(), np.zeros(1)
-        h, time, noises = self.horizon, estimate.time + self.horizon.period, self._noises
+        h, time, noises = self.horizon, estimate.time + self.horizon.period, self.noises
         if estimate.off >= PATIENCE:
             p[-1, -1] += noises[3] ** 2
             noises = np.array([*noises[:3], 1e300])
@@ -117,6 +120,10 @@ class Observer:
             h.p.ctypes.data, time, h.period, estimate.drive, drive, h.steps.rise, h.steps.held,
             reading, *(a.ctypes.data for a in (noises, x, p, used)),
         )  # fmt: skip
+        if used[0] < 0.0:
+            # What is known leads to what is no number: begin anew at rest.
+            lost = replace(self.begin(drive), time=time, before=estimate.drive)
+            return self.first(lost, reading)
         taken = bool(used[0])
         off = 0 if taken else estimate.off + isfinite(reading)
         return Estimate(time, x, p, estimate.drive, drive, taken, off)

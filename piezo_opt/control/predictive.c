@@ -13,9 +13,9 @@ static void unit_seeds(double *X, double *BEFORE, double *AFTER) {
 }
 
 /* The states x, drive u and readings y along the moves w, and the slopes A, B, C of each period. */
-void po_linearise(long n, const double *p, double t, double T, const double *x0, double u0,
-                  long rise, long held, const double *w, double *A, double *B, double *C,
-                  double *y, double *end) {
+static void linearise(long n, const double *p, double t, double T, const double *x0, double u0,
+                      long rise, long held, const double *w, double *A, double *B, double *C,
+                      double *y, double *end) {
   double x[NX + 1], X[(NX + 1) * ND], BEFORE[ND], AFTER[ND], Y[ND], u = u0;
   for (int i = 0; i < NX; ++i) x[i] = x0[i];
   for (long k = 0; k < n; ++k) {
@@ -38,12 +38,28 @@ void po_linearise(long n, const double *p, double t, double T, const double *x0,
   for (int i = 0; i < NX; ++i) end[i] = x[i];
 }
 
-/* One period of the filter: P (NE x NE) and the estimate move on. */
-static void predict(const double *p, double t, double before, double after, double T, long rise,
-                    long held, const double *noises, double *x, double *P) {
+/* Whether every number of an estimate is one. */
+static int sound(const double *x, const double *P) {
+  int all = 1;
+  for (int i = 0; i < NE; ++i) all = all && isfinite(x[i]);
+  for (int i = 0; i < NE * NE; ++i) all = all && isfinite(P[i]);
+  return all;
+}
+
+static void taken(const double *new_x, const double *new_P, double *x, double *P) {
+  for (int i = 0; i < NE; ++i) x[i] = new_x[i];
+  for (int i = 0; i < NE * NE; ++i) P[i] = new_P[i];
+}
+
+/* One period of the filter: P (NE x NE) and the estimate move on. Where that leads to what is no
+   number it answers 0 and leaves them. */
+static int predict(const double *p, double t, double before, double after, double T, long rise,
+                   long held, const double *noises, double *x, double *P) {
   double X[(NX + 1) * ND], BEFORE[ND], AFTER[ND], F[NE][NE] = {{0.0}}, M[NE][NE];
+  double moved[NE], spread[NE * NE];
+  for (int i = 0; i < NE; ++i) moved[i] = x[i];
   unit_seeds(X, BEFORE, AFTER);
-  period(p, t, before, BEFORE, after, AFTER, T, rise, held, x, X);
+  period(p, t, before, BEFORE, after, AFTER, T, rise, held, moved, X);
   for (int i = 0; i < NX; ++i)
     for (int j = 0; j < NX; ++j) F[i][j] = X[i * ND + j];
   F[NX][NX] = 1.0;
@@ -63,14 +79,19 @@ static void predict(const double *p, double t, double before, double after, doub
                (X[i * ND + NX + 1] * X[j * ND + NX + 1] +
                 (X[i * ND + NX] - X[i * ND + NX + 1]) * (X[j * ND + NX] - X[j * ND + NX + 1]));
       if (i == NX && j == NX) sum += noises[1] * noises[1];
-      P[i * NE + j] = P[j * NE + i] = sum;
+      spread[i * NE + j] = spread[j * NE + i] = sum;
     }
+  if (!sound(moved, spread)) return 0;
+  taken(moved, spread, x, P);
+  return 1;
 }
 
-/* A reading; one that is no number, or too far off to be one, is a sample of no weight. */
+/* A reading; one that is no number, too far off to be one, or leads to none is a sample of no
+   weight. */
 static int correct(const double *p, double t, double u, double seen, const double *noises,
                    double *x, double *P) {
   double X[(NX + 1) * ND], BEFORE[ND], AFTER[ND], Y[ND], y, H[NE], PH[NE], S;
+  double moved[NE], spread[NE * NE];
   unit_seeds(X, BEFORE, AFTER);
   reading(p, t, x, X, u, BEFORE, &y, Y);
   for (int j = 0; j < NX; ++j) H[j] = Y[j];
@@ -83,22 +104,24 @@ static int correct(const double *p, double t, double u, double seen, const doubl
   for (int i = 0; i < NE; ++i) S += H[i] * PH[i];
   const double off = seen - y - x[NX];
   if (!isfinite(off) || !(S > 0.0) || !(fabs(off) < noises[3])) return 0;
-  for (int i = 0; i < NE; ++i) x[i] += PH[i] / S * off;
+  for (int i = 0; i < NE; ++i) moved[i] = x[i] + PH[i] / S * off;
+  /* Joseph's form, (I - K H) P (I - K H)' + K R K': rounding leaves it positive. */
+  double left[NE][NE];
   for (int i = 0; i < NE; ++i)
-    for (int j = 0; j < NE; ++j) P[i * NE + j] -= PH[i] * PH[j] / S;
+    for (int j = 0; j < NE; ++j) left[i][j] = P[i * NE + j] - PH[i] / S * PH[j];
+  for (int i = 0; i < NE; ++i) {
+    double row = 0.0;
+    for (int l = 0; l < NE; ++l) row += left[i][l] * H[l];
+    for (int j = 0; j < NE; ++j)
+      spread[i * NE + j] =
+          left[i][j] - row * (PH[j] / S) + PH[i] / S * (PH[j] / S) * noises[2] * noises[2];
+  }
+  for (int i = 0; i < NE; ++i)
+    for (int j = 0; j < i; ++j)
+      spread[i * NE + j] = spread[j * NE + i] = 0.5 * (spread[i * NE + j] + spread[j * NE + i]);
+  if (!sound(moved, spread)) return 0;
+  taken(moved, spread, x, P);
   return 1;
-}
-
-/* Filter: t is the time of the reading; the drives held before and during the period that ends. */
-void po_filter(const double *p, double t, double T, double before, double after, long rise,
-               long held, double seen, const double *noises, double *x, double *P, double *used) {
-  predict(p, t - T, before, after, T, rise, held, noises, x, P);
-  used[0] = (double)correct(p, t, after, seen, noises, x, P);
-}
-
-void po_correct(const double *p, double t, double u, double seen, const double *noises, double *x,
-                double *P, double *used) {
-  used[0] = (double)correct(p, t, u, seen, noises, x, P);
 }
 
 /* One real-time iteration. x: estimate at t, the disturbance last; pending: drives asked before
@@ -106,7 +129,7 @@ void po_correct(const double *p, double t, double u, double seen, const double *
    w: moves of last time, shifted by the caller. bounds: low, high, slew, lowest and highest
    reading, and for the first move its own low and high drive. told: iterations, gap, status
    (0 as it should be; 1 the program failed and the drive is held as far as limits let it). */
-double po_move(long n, long most, const double *p, double t, double T, const double *x0, double u0,
+static double decide(long n, long most, const double *p, double t, double T, const double *x0, double u0,
                long delay, const double *pending, long rise, long held, const double *r,
                const double *weights, const double *bounds, double *w, double *work,
                double *told) {
@@ -125,14 +148,15 @@ double po_move(long n, long most, const double *p, double t, double T, const dou
   /* The moves of last time within the limits, from where the drive is. */
   double drive = u;
   for (long k = 0; k < n; ++k) {
-    const double first = k == 0, wanted = isfinite(w[k]) ? drive + w[k] : drive;
-    const double least = first ? bounds[5] : fmin(fmax(drive - most_move, low), drive + most_move);
-    const double largest = first ? bounds[6] : fmax(fmin(drive + most_move, high), drive - most_move);
+    const double wanted = isfinite(w[k]) ? drive + w[k] : drive;
+    const double least = k == 0 ? bounds[5] : fmin(fmax(drive - most_move, low), drive + most_move);
+    const double largest =
+        k == 0 ? bounds[6] : fmax(fmin(drive + most_move, high), drive - most_move);
     const double next = fmin(fmax(wanted, least), largest);
     w[k] = next - drive;
     drive = next;
   }
-  po_linearise(n, p, t, T, x, u, rise, held, w, A, B, C, y, end);
+  linearise(n, p, t, T, x, u, rise, held, w, A, B, C, y, end);
   drive = u;
   for (long k = 0; k < n; ++k) {
     drive += w[k];
@@ -145,16 +169,16 @@ double po_move(long n, long most, const double *p, double t, double T, const dou
     limit[0] = (k ? -most_move : fmax(bounds[5] - u, -1e30)) - w[k];
     limit[1] = (k ? most_move : fmin(bounds[6] - u, 1e30)) - w[k];
     /* Where the drive is out of its range it has the time that its slew rate takes. */
-    limit[2] = fmin(low, u + (k + 1) * most_move) - drive;
-    limit[3] = fmax(high, u - (k + 1) * most_move) - drive;
+    limit[2] = fmin(low, u + (double)(k + 1) * most_move) - drive;
+    limit[3] = fmax(high, u - (double)(k + 1) * most_move) - drive;
     limit[4] = bounds[3] - off;
     limit[5] = bounds[4] - off;
     for (int i = 0; i < SIDES; ++i)
       if (!(fabs(limit[i]) < HUGE_LIMIT)) limit[i] = i % 2 ? 1e30 : -1e30;
     for (int i = 0; i < 4; i += 2)
-      if (limit[i + 1] - limit[i] < 1e-9 * (1.0 + fabs(limit[i]))) {
-        limit[i] -= 1e-9 * (1.0 + fabs(limit[i]));
-        limit[i + 1] += 1e-9 * (1.0 + fabs(limit[i + 1]));
+      if (limit[i + 1] - limit[i] < NARROW * (1.0 + fabs(limit[i]))) {
+        limit[i] -= NARROW * (1.0 + fabs(limit[i]));
+        limit[i + 1] += NARROW * (1.0 + fabs(limit[i + 1]));
       }
   }
   q[n - 1] *= weights[2];
@@ -167,8 +191,4 @@ double po_move(long n, long most, const double *p, double t, double T, const dou
   const double kept = fmin(fmax(isfinite(asked) ? asked : u, bounds[5]), bounds[6]);
   w[0] = kept - u;
   return kept;
-}
-
-long po_move_size(long n) {
-  return n * (NZ * NZ + 2 * NZ + 4 + SIDES + 1) + program_size(n);
 }

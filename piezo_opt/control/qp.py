@@ -23,8 +23,26 @@ START: Final = 0.1
 """Products of slack and multiplier at the start, as a share of the cost over the limits' number."""
 TOLERANCE: Final = 1e-8
 """Sum of those products at the end, as a share of the cost at the start."""
+NARROW: Final = 1e-9
+"""Limits that are closer together, as a share of their size, are moved apart by it."""
 FAR: Final = 1e30
 """A limit that is none."""
+
+ENTRY: Final = """
+static long program_size(long n) {
+  return n * (long)(SIDES * (sizeof(Side) / sizeof(double)) + (NZ + 2) + 3 + 2 * NZ);
+}
+
+long po_program_size(long n) { return program_size(n); }
+
+void po_program(long n, long most, double R, double rho, const double *A, const double *B,
+                const double *C, const double *e, const double *q, const double *g,
+                const double *limits, double *w, double *work, double *told) {
+  const Program m = {n, most, A, B, C, e, q, g, limits, R, rho};
+  told[0] = (double)solve_program(&m, w, work, told + 1);
+}
+"""
+"""What Python calls; exported code has none of it."""
 
 
 @final
@@ -110,7 +128,7 @@ def program_text(states: int) -> str:
     source = resources.files(__package__).joinpath("horizon.c").read_text(encoding="utf-8")
     return (
         f"#include <math.h>\n#define NZ {states}\n#define START {START!r}\n"
-        f"#define TOLERANCE {TOLERANCE!r}\n{source}"
+        f"#define TOLERANCE {TOLERANCE!r}\n#define NARROW {NARROW!r}\n{source}{ENTRY}"
     )
 
 

@@ -108,11 +108,7 @@ class TunedMPC:
         """Plain data, SI units, with a ``schema`` key."""
         return {
             "schema": "piezo_opt/tune_mpc/1",
-            "controller": {
-                "kind": "mpc", "horizon": self.horizon, "weight": self.weight,
-                "span": self.controller.span, "noise": self.noise,
-                "drive_noise": self.drive_noise, "delay": self.controller.delay,
-            },
+            "controller": self.controller.to_dict(),
             "period": self.period,
             "limits": self.limits.to_dict(),
             "horizons": [{"horizon": n, "rms": e} for n, e in self.horizons],

@@ -7,6 +7,7 @@ import json
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,13 +15,25 @@ from typer.testing import CliRunner
 
 import piezo_opt as po
 from piezo_opt.cli import app
-from piezo_opt.control import LQG, PID, InverseCompensation, Limits, Shaper, ei, tune_lqr
+from piezo_opt.control import (
+    LQG,
+    MPC,
+    PID,
+    InverseCompensation,
+    Limits,
+    ModelPlant,
+    Shaper,
+    ei,
+    tune_lqr,
+)
 from piezo_opt.errors import InputError
+from piezo_opt.export.laws.mpc import memory
 from piezo_opt.export.laws.verb import ADMITTED, Law
 from tests.control.test_tune_lqr import LIMITS, PERIOD, SAW, STAGE, VALUES
 from tests.export.tools import DIAGNOSTICS, STRICT, compiler, undefined_of_float
 
-KINDS = ("pid", "lqg", "inverse", "shaper")
+KINDS = ("pid", "lqg", "inverse", "shaper", "mpc", "mpc_late")
+LINES = {"mpc": 800, "mpc_late": 800}
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +44,15 @@ def laws() -> dict[str, Law]:
         "lqg": tuned.controller,
         "inverse": InverseCompensation(2e-7, 8e-8, 4e-3, -5e-3),
         "shaper": ei(2.0 * np.pi * 31.3, 0.03),
-    }
+        "mpc": MPC(
+            STAGE, VALUES, period=PERIOD, span=6e-6, horizon=15, limits=LIMITS, noise=5e-9,
+            gate=2e-6,
+        ),
+        "mpc_late": MPC(
+            STAGE, VALUES, period=PERIOD, span=6e-6, horizon=10, limits=LIMITS, noise=5e-9,
+            delay=2, stroke=(-1e-6, 5e-6),
+        ),
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("precision", ["double", "float"])
@@ -47,7 +68,7 @@ def test_it_is_replayed_and_no_compiler_complains(
     assert sorted(told.files) == [
         "CMakeLists.txt", "README.md", "controller.c", "controller.h", "main.c",
     ]  # fmt: skip
-    assert len((tmp_path / "made/controller.c").read_text().splitlines()) < 120
+    assert len((tmp_path / "made/controller.c").read_text().splitlines()) < LINES.get(kind, 120)
     compiler("gcc")
     for name, *flags in (one for one in DIAGNOSTICS if shutil.which(one[0])):
         for file in ("controller.c", "main.c"):
@@ -65,7 +86,7 @@ def test_float_means_float(kind: str, laws: dict[str, Law], tmp_path: Path) -> N
     )
     undefined = undefined_of_float(tmp_path / "made/controller.c")
     assert not [name for name in undefined if name.startswith("__aeabi_d")]
-    assert undefined <= {"expm1f", "log1pf", "memset", "memcpy"}
+    assert undefined <= {"expm1f", "log1pf", "fminf", "fmaxf", "memset", "memcpy", "memmove"}
 
 
 def library(folder: Path) -> ctypes.CDLL:
@@ -77,19 +98,21 @@ def library(folder: Path) -> ctypes.CDLL:
     return ctypes.CDLL(str(folder / "c.so"))
 
 
-@pytest.mark.parametrize("kind", ["pid", "lqg"])
+@pytest.mark.parametrize(
+    ("kind", "count"),
+    [("pid", 200_000), ("lqg", 200_000), ("mpc", 20_000), ("mpc_late", 20_000)],
+)
 def test_whatever_it_is_given_it_answers_within_its_limits(
-    kind: str, laws: dict[str, Law], tmp_path: Path
+    kind: str, count: int, laws: dict[str, Law], tmp_path: Path
 ) -> None:
-    """Two hundred thousand samples of numbers of every size, and of none."""
+    """Samples of numbers of every size, and of none."""
     po.export_controller(laws[kind], tmp_path / "made", period=PERIOD, limits=LIMITS)
     code = library(tmp_path / "made")
     code.controller_act.restype = ctypes.c_double
     code.controller_act.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double]
-    memory = ctypes.create_string_buffer(4096)
+    memory = ctypes.create_string_buffer(1 << 16)
     code.controller_init(memory)
     generator = np.random.default_rng(1)
-    count = 200_000
     given = 10.0 ** generator.uniform(-320.0, 308.0, (count, 2))
     given *= generator.choice([-1.0, 1.0], (count, 2))
     sound = generator.random((count, 2)) < 0.7
@@ -105,6 +128,72 @@ def test_whatever_it_is_given_it_answers_within_its_limits(
     moves = np.abs(np.diff(drives, prepend=0.0))
     assert moves.max() <= LIMITS.slew * PERIOD * (1.0 + 1e-12)
     assert np.unique(drives[-1000:]).size > 100
+
+
+def test_predictive_control_goes_on_through_a_saturated_sensor(tmp_path: Path) -> None:
+    """In the loop: lost readings, then one that says its upper end for 50 periods."""
+    seen, drives, errors = _loop_with_faults(tmp_path, "double")
+    status = seen["status"]
+    assert (status[100:120] & 2 == 2).all()
+    assert (status[20:100] & 2 == 0).all()
+    # Beyond the gate it is no reading, until the patience of ten of them is at its end.
+    assert (status[201:210] & 2 == 2).all()
+    assert (np.abs(errors[150:200]) < 60e-9).all()
+    assert np.abs(errors[100:121]).max() < 60e-9
+    assert np.abs(errors[-100:]).max() < 60e-9
+    assert np.isfinite(drives).all()
+    _, single, off = _loop_with_faults(tmp_path / "float", "float")
+    assert np.abs(single[:100] - drives[:100]).max() < 1e-4 * np.ptp(drives)
+    assert np.std(off[-100:]) < 1.1 * np.std(errors[-100:])
+
+
+def _loop_with_faults(folder: Path, precision: str) -> tuple[dict[str, Any], Any, Any]:
+    law = MPC(
+        STAGE, VALUES, period=PERIOD, span=6e-6, horizon=15, limits=LIMITS, noise=5e-9, gate=1e-6
+    )
+    folder.mkdir(exist_ok=True)
+    po.export_controller(law, folder / "made", precision=precision)
+    code = library(folder / "made")
+    real = ctypes.c_float if precision == "float" else ctypes.c_double
+    code.controller_act.restype = real
+    code.controller_act.argtypes = [ctypes.c_void_p, real, real]
+    own = memory(law, "controller", precision)()
+    code.controller_init(ctypes.byref(own))
+    plant, generator = ModelPlant(STAGE, VALUES), np.random.default_rng(3)
+    count = 500
+    reference = 2.5e-6 - 2e-6 * np.cos(2.0 * np.pi * np.arange(count) / 400.0)
+    drives, errors, status = np.empty(count), np.empty(count), np.empty(count, dtype=int)
+    reading = plant.begin(0.0)
+    for k in range(count):
+        seen = reading + 1e-9 * float(generator.normal())
+        seen = float("nan") if 100 <= k < 120 else 10e-6 if 200 <= k < 250 else seen
+        errors[k] = reading - reference[max(k - 1, 0)]
+        drives[k] = code.controller_act(ctypes.byref(own), reference[k], seen)
+        status[k] = own.status
+        reading = plant.advance(float(drives[k]), PERIOD)
+    return {"status": status}, drives, errors
+
+
+def test_what_is_known_before_reaches_the_code(tmp_path: Path) -> None:
+    """``act_ahead`` decides as Python does where it knows the reference of the whole horizon."""
+    wave = 2.5e-6 - 2e-6 * np.cos(2.0 * np.pi * np.arange(200) / 40.0)
+    law = MPC(
+        STAGE, VALUES, period=PERIOD, span=6e-6, horizon=10, limits=LIMITS, noise=5e-9, delay=1,
+        reference=wave,
+    )  # fmt: skip
+    po.export_controller(law, tmp_path / "made")
+    code = library(tmp_path / "made")
+    act = code.controller_act_ahead
+    act.restype = ctypes.c_double
+    act.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double]
+    own, state, drive = memory(law, "controller", "double")(), law.begin(), 0.0
+    code.controller_init(ctypes.byref(own))
+    for k in range(60):
+        ahead = law.following(k, 0.0)
+        reading = float(wave[k]) + 1e-8 * np.sin(k)
+        got = act(ctypes.byref(own), ahead.ctypes.data, reading)
+        drive, state = law.act(state, 0.0, reading, PERIOD, *LIMITS.around(drive, PERIOD))
+        assert got == pytest.approx(drive, abs=1e-9)
 
 
 def test_from_the_json_of_a_design(laws: dict[str, Law], tmp_path: Path) -> None:
@@ -138,6 +227,25 @@ def test_from_the_json_of_a_design(laws: dict[str, Law], tmp_path: Path) -> None
             (tmp_path / folder / "controller.c").read_text() for folder in (f"{kind}_own", kind)
         )
         assert own == theirs
+    predictive = laws["mpc_late"]
+    assert isinstance(predictive, MPC)
+    plant = {
+        "model": STAGE.to_dict(), "parameters": {n: {"value": v} for n, v in VALUES.items()},
+    }  # fmt: skip
+    file = tmp_path / "mpc.json"
+    file.write_text(json.dumps({
+        "controller": predictive.to_dict(), "period": PERIOD, "limits": LIMITS.to_dict(),
+        "plant": plant,
+    }))  # fmt: skip
+    arguments = ["export", "controller", str(file), "--out", str(tmp_path / "mpc")]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    po.export_controller(predictive, tmp_path / "mpc_own")
+    assert (tmp_path / "mpc/controller.c").read_text() == (
+        tmp_path / "mpc_own/controller.c"
+    ).read_text()
+    with pytest.raises(InputError, match="design it anew"):
+        po.export_controller(predictive, tmp_path / "other", limits=Limits(0.0, 1.0))
     fit = tmp_path / "fit.json"
     fit.write_text(
         json.dumps(
@@ -183,7 +291,8 @@ def test_what_cannot_be_is_one_sentence(laws: dict[str, Law], tmp_path: Path) ->
         po.export_controller(laws["pid"], out, period=1e-3, precision="half")
     for text, words in (
         ("{}", "is not the JSON of a design"),
-        ('{"controller": {"kind": "mpc"}}', "does not leave as code yet"),
+        ('{"controller": {"kind": "mpc"}, "period": 1, '
+         '"limits": {"low": 0, "high": 1, "slew": null}}', "is not whole"),
         ('{"controller": {"kind": "pid"}, "period": 1}', "is not whole"),
         ('{"controller": {"kind": "odd"}, "period": 1, '
          '"limits": {"low": 0, "high": 1, "slew": null}}', "is not known here"),

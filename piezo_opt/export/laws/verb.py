@@ -14,7 +14,19 @@ from typing import Any, Final, TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.control import LQG, PID, InverseCompensation, Limits, Shaper, Tuned, TunedShaper
+from piezo_opt.control import (
+    LQG,
+    MPC,
+    PID,
+    InverseCompensation,
+    Limits,
+    Shaper,
+    Tuned,
+    TunedMPC,
+    TunedShaper,
+)
+from piezo_opt.control.plant import without_delay
+from piezo_opt.effects.catalogue import model_from_dict
 from piezo_opt.errors import InputError, ModelError
 from piezo_opt.export.c import naming
 from piezo_opt.export.c.beside import BUILD
@@ -23,7 +35,9 @@ from piezo_opt.export.folder import appearing, check_new
 from piezo_opt.export.given import given
 from piezo_opt.export.laws.inverse import inverse_compensation
 from piezo_opt.export.laws.lqg import lqg
+from piezo_opt.export.laws.mpc import mpc
 from piezo_opt.export.laws.pid import pid
+from piezo_opt.export.laws.same_memory import apart
 from piezo_opt.export.laws.shaper import shaper
 from piezo_opt.export.laws.written import FAR, Written
 from piezo_opt.identification import Fit
@@ -33,8 +47,8 @@ from piezo_opt.units import quantity
 
 FloatArray = NDArray[np.float64]
 
-Law: TypeAlias = PID | LQG | InverseCompensation | Shaper
-Design: TypeAlias = Tuned[Any] | TunedShaper | Fit | Law | str | os.PathLike[str]
+Law: TypeAlias = PID | LQG | MPC | InverseCompensation | Shaper
+Design: TypeAlias = Tuned[Any] | TunedMPC | TunedShaper | Fit | Law | str | os.PathLike[str]
 """A design, its JSON, a controller itself, or a fit, for its inverse."""
 
 ADMITTED: Final = {"double": 1e-8, "float": 1e-4}
@@ -92,7 +106,7 @@ cc -std=c99 -O2 {n}.c main.c -lm -o {n}_replay
 ```
 
 Rows have {columns}. Whatever is given, the answer is a number{within}; the member `status` says
-whether limits were met (1) and whether the sample was passed over (2). {checked}
+whether limits were met (1) and whether the sample was passed over (2){more}. {checked}
 """
 
 
@@ -180,11 +194,13 @@ def export_controller(
         largest, samples = float("nan"), 0
         checked = "The code has not been compiled here, because there was no C compiler."
         if compiler is not None:
-            rows, wanted = _trial(law, step, held)
-            largest, samples = (
-                _replayed(scratch, name, compiler, rows, wanted, precision),
-                len(rows),
-            )
+            if isinstance(law, MPC):
+                samples, largest = apart(scratch, name, compiler, law, held, precision)
+                _admit(largest, precision)
+            else:
+                rows, wanted = _trial(law, step, held)
+                samples = len(rows)
+                largest = _replayed(scratch, name, compiler, rows, wanted, precision)
             checked = (
                 f"Replayed on {samples} samples, faults among them: at most {largest:.1e} of the "
                 "outputs' range from Python."
@@ -192,6 +208,7 @@ def export_controller(
         said = _README.format(
             n=name, title=f"{text.title[0].upper()}{text.title[1:]}", real=numbers.name,
             columns=" and ".join(text.inputs), checked=checked,
+            more=", and the header tells the rest" if isinstance(law, MPC) else "",
             within="" if isinstance(law, Shaper) else " within the limits",
         )  # fmt: skip
         (scratch / "README.md").write_text(said, encoding="utf-8")
@@ -222,12 +239,19 @@ def _written(
             f"period = {period:g} s: the design is for {law.period:g} s: design it anew for "
             "another one"
         )
+    if isinstance(law, MPC):
+        if limits != law.limits:
+            raise InputError(
+                f"limits = {limits.told()}: the design is for {law.limits.told()}: design it anew "
+                "for others"
+            )
+        return mpc(law, name, numbers, limits)
     return lqg(law, name, numbers, limits)
 
 
 def _given(design: Design) -> tuple[Law, float | None, Limits | None]:
     """The controller of a design, its period and limits."""
-    if isinstance(design, Tuned):
+    if isinstance(design, Tuned | TunedMPC):
         return design.controller, design.period, design.limits
     if isinstance(design, TunedShaper):
         return design.shaper, None, None
@@ -237,6 +261,8 @@ def _given(design: Design) -> tuple[Law, float | None, Limits | None]:
         return design, None, None
     if isinstance(design, LQG):
         return design, design.period, None
+    if isinstance(design, MPC):
+        return design, design.period, design.limits
     return _read(checked(design))
 
 
@@ -258,10 +284,6 @@ def _read(file: Path) -> tuple[Law, float | None, Limits | None]:
         raise InputError(
             f"{file}: is not the JSON of a design: write one with piezo-opt tune pid --json"
         ) from error
-    if kind == "mpc":
-        raise InputError(
-            f"{file}: an MPC does not leave as code yet: export a PID or an LQR (piezo-opt tune)"
-        )
     try:
         if kind == "shaper":
             times, sizes = (np.array(own[k], dtype=float) for k in ("times", "amplitudes"))
@@ -271,6 +293,8 @@ def _read(file: Path) -> tuple[Law, float | None, Limits | None]:
         if kind == "pid":
             gains = {k: float(own[k]) for k in ("kp", "ki", "kd", "tau")}
             return PID(**gains, largest=_far(own["largest"])), period, limits
+        if kind == "mpc":
+            return _predictive(data, own, period, limits), period, limits
         if kind == "lqr":
             a, b, c, gain, filtered = (
                 np.array(own[k], dtype=float) for k in ("a", "b", "c", "gain", "filter")
@@ -283,6 +307,26 @@ def _read(file: Path) -> tuple[Law, float | None, Limits | None]:
     raise InputError(f"{file}: holds a controller of the kind {kind!r}, which is not known here")
 
 
+def _predictive(
+    data: Mapping[str, Any], own: Mapping[str, Any], period: float, limits: Limits
+) -> MPC:
+    """A predictive controller, without a reference that is known before."""
+    model = model_from_dict(data["plant"]["model"])
+    values = {k: float(v["value"]) for k, v in data["plant"]["parameters"].items()}
+    # The delay of the design holds that of the model.
+    model, _ = without_delay(model, values, period)
+    stroke = own["stroke"]
+    return MPC(
+        model, {k: v for k, v in values.items() if k in model.parameters}, period=period,
+        span=float(own["span"]), horizon=int(own["horizon"]), limits=limits,
+        stroke=None if stroke is None else (float(stroke[0]), float(stroke[1])),
+        weight=float(own["weight"]), noise=float(own["noise"]),
+        drive_noise=float(own["drive_noise"]), drift=float(own["drift"]),
+        gate=_far(own["gate"]), delay=int(own["delay"]),
+        iterations=int(own["iterations"]), rounds=int(own["rounds"]),
+    )  # fmt: skip
+
+
 def _far(value: float | None) -> float:
     """An infinite number is null in a JSON."""
     return float("inf") if value is None else float(value)
@@ -293,7 +337,9 @@ def _limits(data: Mapping[str, Any]) -> Limits:
     return Limits(low, _far(data["high"]), _far(data["slew"]))
 
 
-def _trial(law: Law, period: float, limits: Limits) -> tuple[list[tuple[float, ...]], FloatArray]:
+def _trial(
+    law: PID | LQG | InverseCompensation | Shaper, period: float, limits: Limits
+) -> tuple[list[tuple[float, ...]], FloatArray]:
     """Rows of inputs with faults among them, and what Python answers."""
     generator = np.random.default_rng(0)
     time = np.arange(SAMPLES)
@@ -382,10 +428,14 @@ def _replayed(
     got = np.array([line.split(",")[0] for line in done.stdout.splitlines()[1:]], dtype=float)
     span = float(np.ptp(wanted)) or 1.0
     largest = float(np.abs(got - wanted).max()) / span
-    if got.size != wanted.size or not largest <= ADMITTED[precision]:
+    _admit(largest if got.size == wanted.size else float("nan"), precision)
+    return largest
+
+
+def _admit(largest: float, precision: str) -> None:
+    if not largest <= ADMITTED[precision]:
         raise ModelError(
             f"The exported code ({precision}) differs from Python by {largest:.1e} of the outputs' "
             f"range, and {ADMITTED[precision]:g} is admitted: export it in double; nothing was "
             "written."
         )
-    return largest

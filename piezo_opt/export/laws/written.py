@@ -48,10 +48,10 @@ extern "C" {{
    case, and within the limits. */
 enum {{
     {n}_LIMITED = 1, /* the limits were met */
-    {n}_MISSED = 2   /* what was given is no number, or leads to none: passed over */
-}};
+    {n}_MISSED = 2{comma}  /* what was given is no number, or leads to none: passed over */
+{states}}};
 
-typedef struct {{
+{before}typedef struct {{
 {members}    int status;                    /* of the last call */
 }} {n};
 
@@ -60,7 +60,7 @@ void {n}_init({n} *c);
 
 /* {act} */
 {real} {n}_act({n} *c, {arguments});
-
+{after}
 #ifdef __cplusplus
 }}
 #endif
@@ -124,14 +124,15 @@ def members(precision: Precision, pairs: tuple[tuple[str, str], ...]) -> str:
 
 def framed(
     name: str, precision: Precision, title: str, about: str, period: float, fields: str, act: str,
-    arguments: str, body: str,
+    arguments: str, body: str, *, before: str = "", states: str = "", after: str = "",
 ) -> tuple[str, str]:  # fmt: skip
-    """Header and source around a body."""
+    """Header and source around a body; what else is declared before, as a status, and after."""
     words = {
         "n": name, "guard": name.upper(), "real": precision.name, "title": title,
         "about": "".join(f"   {line}\n" for line in about.splitlines()), "period": f"{period:g}",
         "members": fields, "act": act, "arguments": arguments,
         "fabs": precision.call("fabs"), "largest": "FLT_MAX" if precision.is_float else "DBL_MAX",
-        "body": body,
+        "body": body, "before": before, "states": states, "after": after,
+        "comma": "," if states else " ",
     }  # fmt: skip
     return _HEADER.format(**words), _SOURCE.format(**words)
