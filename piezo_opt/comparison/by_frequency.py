@@ -12,7 +12,7 @@ from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
 from piezo_opt.comparison.words import brief
 from piezo_opt.measurement import FloatArray
-from piezo_opt.measurement.spectra import cross_density, density
+from piezo_opt.measurement.spectra import densities, density
 
 _FEWEST: Final = 32
 _FEWEST_SEGMENTS: Final = 4.0
@@ -77,8 +77,9 @@ def by_frequency(misfit: Misfit) -> ByFrequency:
     rate = misfit.record.rate
 
     frequency = np.arange(1, length // 2 + 1, dtype=np.float64) * (rate / length)
-    ee, vv, yy = (density(x, rate=rate, length=length)[1:] for x in (error, drive, reading))
-    cross = np.abs(cross_density(error, drive, rate=rate, length=length)[1:]) ** 2
+    both = densities(error, drive, rate=rate, length=length)
+    ee, cross, vv = both[0][1:], np.abs(both[1][1:]) ** 2, both[2][1:]
+    yy = density(reading, rate=rate, length=length)[1:]
     excited = vv > 1e-9 * vv.max()
     with np.errstate(invalid="ignore", divide="ignore"):
         coherence = np.where(excited & (ee > 0), cross / (ee * vv), np.nan)

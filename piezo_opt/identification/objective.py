@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.problem import Identification, Loss, Shape, Start
+from piezo_opt.identification.tall import gram, triangle
 from piezo_opt.identification.unknowns import Unknowns
+from piezo_opt.lazy import lazy
 from piezo_opt.simulation import TOLERANCE, Accuracy, Initial, Simulator
 from piezo_opt.simulation.accuracy import DIVERGED
 
@@ -46,13 +48,26 @@ class Linearised:
     jacobian: FloatArray
     readings: tuple[FloatArray, ...] = ()
 
+    @lazy
+    def normal(self) -> tuple[FloatArray, FloatArray]:
+        """``J'r`` (k,) and ``J'J`` (k, k) of the normal equations."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.jacobian.T @ self.residual, gram(self.jacobian)
+
+    @lazy
+    def root(self) -> FloatArray:
+        """The triangle R (k, k) with ``R'R = J'J``, which keeps what that product rounds off."""
+        return triangle(self.jacobian)
+
     @property
     def usable(self) -> bool:
-        """Whether everything is finite, squares included: a simulation that diverges is not."""
-        return all(
-            bool(a.min(initial=0.0) > -DIVERGED and a.max(initial=0.0) < DIVERGED)
-            for a in (self.residual, self.jacobian)
-        )
+        """Whether squares are finite: those of a simulation that diverges are not.
+
+        The normal equations show it as well as the whole Jacobian would.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            squares = float(self.residual @ self.residual)
+        return squares < DIVERGED and all((np.abs(a) < DIVERGED).all() for a in self.normal)
 
 
 @final

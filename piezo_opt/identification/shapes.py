@@ -19,7 +19,7 @@ from piezo_opt.effects.base import Effect, Parameter, Place
 from piezo_opt.identification.periodic import period
 from piezo_opt.identification.unknowns import limits
 from piezo_opt.measurement import Measurement
-from piezo_opt.measurement.spectra import cross_density, density, frequencies, without_line
+from piezo_opt.measurement.spectra import densities, density, frequencies, without_line
 
 FloatArray = NDArray[np.float64]
 
@@ -172,9 +172,7 @@ def resonances(record: Measurement, residual: FloatArray, *, broad: bool = False
         length = min(n, max(64, n // 4))
         rate, u, y = 1.0 / step, without_line(u), without_line(y)
         f = frequencies(length, rate)
-        cross = cross_density(u, y, rate=rate, length=length)
-        power = density(u, rate=rate, length=length)
-        spectrum = density(y, rate=rate, length=length)
+        power, cross, spectrum = densities(u, y, rate=rate, length=length)
         with np.errstate(divide="ignore", invalid="ignore"):
             coherence = np.abs(cross) ** 2 / (power * spectrum)
             response = np.where(

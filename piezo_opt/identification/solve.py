@@ -213,7 +213,7 @@ def _finish(
         names=unknown.names,
         covariance=np.full((k, k), np.nan),
         coloured=False,
-        at_bound=_at_bound(unknown, theta, weighted.jacobian.T @ weighted.residual),
+        at_bound=_at_bound(unknown, theta, weighted.normal[0]),
         readings=point.readings,
         outcome=Outcome(solution.ending, ""),
         trace=monitor.trace,
@@ -236,8 +236,8 @@ def _stated(fit: Fit, objective: Objective, point: Linearised, theta: FloatArray
     scale = objective.unknowns.scale
     free = np.array([n not in fit.at_bound for n in fit.names], dtype=bool)
     if weighted.usable:
-        known = uncertainty(weighted.residual, weighted.jacobian, free, objective.samples, scale)
-        blind = blind_spots(fit.names, theta, scale, weighted.residual, weighted.jacobian, free)
+        known = uncertainty(weighted, free, objective.samples, scale)
+        blind = blind_spots(fit.names, theta, scale, weighted, free)
         covariance = known.covariance * np.outer(scale, scale)
         fit = replace(fit, covariance=covariance, coloured=known.coloured, blind=blind)
     return replace(fit, remarks=_remarks(fit.question, fit))

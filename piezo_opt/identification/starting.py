@@ -24,7 +24,6 @@ from piezo_opt.identification.problem import Identification, Start
 from piezo_opt.identification.shapes import resolving, resonances, shape_grid
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
 from piezo_opt.identification.stretch import busiest
-from piezo_opt.identification.tall import gram
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
 from piezo_opt.measurement import Measurement
 from piezo_opt.values import Values
@@ -431,26 +430,31 @@ class _Search:
         # Sub-steps are those of the first trial: a stiffer one diverges, and is no candidate.
         if not np.isfinite(cost) or not point.usable:
             return float("inf"), start
-        linear = [
-            k for k, m in enumerate(unknown.members)
-            if m.name.startswith("initial.") or m.name in extra
-            or self.question.model.parameters[m.local].unit in ("m/V", "m")
-        ]  # fmt: skip
-        j = point.jacobian[:, linear] * unknown.scale[linear]
+        step = np.zeros(theta.size)
+        linear = self._linear(unknown, extra)
+        slope, bend = point.normal
         # A touch of ridge keeps directions that the record cannot see where they are.
-        norms = np.linalg.norm(j, axis=0)
+        norms = np.sqrt(bend[linear, linear])
         norms[norms == 0.0] = 1.0
-        normal = gram(j) / np.outer(norms, norms) + 1e-6 * np.eye(len(linear))
-        step = np.linalg.solve(normal, -(j.T @ point.residual) / norms) / norms
-        if min(cost, objective.cost(point.residual + j @ step)) >= worst:
+        normal = bend[linear[:, None], linear] / (norms[:, None] * norms)
+        normal.flat[:: linear.size + 1] += 1e-6
+        step[linear] = np.linalg.solve(normal, -slope[linear] / norms) / norms
+        if min(cost, objective.cost(point.residual + point.jacobian @ step)) >= worst:
             return cost, start
-        moved = theta.copy()
-        moved[linear] += step * unknown.scale[linear]
-        moved = unknown.clip(moved)
+        moved = unknown.clip(theta + step)
         after = objective.cost(objective.residual(moved, most=min(cost, worst)))
         if after < cost:
             theta, cost = moved, after
         return cost, dict(unknown.values(theta))
+
+    def _linear(self, unknown: Unknowns, extra: Sequence[str]) -> NDArray[np.intp]:
+        """Places of the unknowns that enter the reading (nearly) linearly."""
+        declared = self.question.model.parameters
+        return np.flatnonzero([
+            m.name.startswith("initial.") or m.name in extra
+            or declared[m.local].unit in ("m/V", "m")
+            for m in unknown.members
+        ])  # fmt: skip
 
     @property
     def samples(self) -> int:

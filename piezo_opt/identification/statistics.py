@@ -9,7 +9,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from piezo_opt.identification.tall import gram, triangle
+from piezo_opt.identification.objective import Linearised
+from piezo_opt.identification.tall import gram
 from piezo_opt.simulation import INITIAL
 
 FloatArray = NDArray[np.float64]
@@ -29,8 +30,7 @@ class Uncertainty:
 
 
 def uncertainty(
-    residual: FloatArray,
-    jacobian: FloatArray,
+    point: Linearised,
     free: NDArray[np.bool_],
     samples: int,
     scale: FloatArray | float = 1.0,
@@ -45,30 +45,29 @@ def uncertainty(
     two-sided interval.
 
     Args:
-        residual: (M,), the first ``samples`` in the order of time.
-        jacobian: (M, k).
-        scale: (k,) what its columns are multiplied by, so that they are of similar size; the
-            covariance is that of the unknowns over their scale.
+        point: at the minimum; its first ``samples`` residuals are in the order of time.
+        scale: (k,) what columns of its Jacobian are multiplied by, so that they are of similar
+            size; the covariance is that of the unknowns over their scale.
         free: (k,) unknowns not at a bound.
         samples: rows that are samples (the rest are priors).
 
     Sources: Seber & Wild (2003), Nonlinear Regression, ch. 2; Newey & West (1987),
     Econometrica 55(3), 703-708; Ljung & Box (1978), Biometrika 65(2), 297-303.
     """
-    k = jacobian.shape[1]
+    k = free.size
     covariance = np.full((k, k), np.nan)
     index = np.flatnonzero(free)
     if index.size == 0:
         return Uncertainty(covariance, False)
     scales = np.broadcast_to(scale, k)[index]
     # The triangle of J has its singular values and costs a fraction.
-    _, size, vt = np.linalg.svd(triangle(jacobian, index) * scales, full_matrices=False)
+    _, size, vt = np.linalg.svd(point.root[:, index] * scales, full_matrices=False)
     null = size <= 1e-10 * size.max(initial=0.0)
     # Rounding must not lend an unknown a share of a direction that it has no part in.
     vt[np.ix_(null, range(vt.shape[1]))] *= np.abs(vt[null]) > 1e-5
     safe = np.maximum(size, 1e-12 * size.max(initial=0.0) + 1e-300)
     inverse = (vt.T / safe**2) @ vt
-    r = residual[:samples]
+    r = point.residual[:samples]
     dof = max(1, samples - index.size)
     coloured = _coloured(r)
     if coloured:
@@ -76,7 +75,7 @@ def uncertainty(
         lags = min(lags, samples // 4)
         own = (
             inverse
-            @ (_long_run(jacobian, r, lags, index) * np.outer(scales, scales))
+            @ (_long_run(point.jacobian, r, lags, index) * np.outer(scales, scales))
             @ inverse
             * (samples / dof)
         )
@@ -120,9 +119,11 @@ def _autocorrelation(r: FloatArray, lags: int) -> FloatArray:
     """Correlation of a series with itself 1 to ``lags`` samples later."""
     centred = r - r.mean()
     power = float(centred @ centred) or 1.0
-    size = 1 << (r.size + lags - 1).bit_length()
+    # Up to the next eighth of a power of two, which is as fast to transform and nearer.
+    eighth = 1 << max(0, (r.size + lags - 1).bit_length() - 3)
+    size = -(-(r.size + lags) // eighth) * eighth
     spectrum = np.fft.rfft(centred, size)
-    both = np.fft.irfft(np.abs(spectrum) ** 2, size)
+    both = np.fft.irfft(spectrum.real**2 + spectrum.imag**2, size)
     return np.asarray(both[1 : lags + 1] / power)
 
 
@@ -150,8 +151,7 @@ def blind_spots(
     names: tuple[str, ...],
     theta: FloatArray,
     scale: FloatArray,
-    residual: FloatArray,
-    jacobian: FloatArray,
+    point: Linearised,
     free: NDArray[np.bool_],
 ) -> tuple[str, ...]:
     """Sentences on what the data cannot tell.
@@ -165,9 +165,9 @@ def blind_spots(
     """
     sentences: list[str] = []
     size = np.where(np.abs(theta) > 1e-3 * scale, np.abs(theta), scale)
-    norms = np.sqrt(np.einsum("tk,tk->k", jacobian, jacobian)) * size
-    dof = max(1, residual.size - theta.size)
-    sigma = float(np.sqrt(residual @ residual / dof)) or 1e-300
+    norms = np.sqrt(np.diag(point.normal[1])) * size
+    dof = max(1, point.residual.size - theta.size)
+    sigma = float(np.sqrt(point.residual @ point.residual / dof)) or 1e-300
     told: set[str] = set()
 
     def nuisance(name: str) -> bool:
@@ -187,7 +187,7 @@ def blind_spots(
     # What the nuisances can explain is taken out first.
     others = [k for k in range(theta.size) if free[k] and nuisance(names[k]) and norms[k] > 0]
     # The triangle's lower right corner is what the last columns have to themselves.
-    both = triangle(jacobian, np.array([*others, *usable]))
+    both = np.linalg.qr(point.root[:, [*others, *usable]], mode="r")
     seen = (both * size[[*others, *usable]])[len(others) :, len(others) :]
     for component in _hidden(seen, sigma):
         told.update(names[usable[i]] for i in component.members)

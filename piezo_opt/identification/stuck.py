@@ -28,8 +28,8 @@ def noise_of(fit: Fit) -> float:
     if left.size < _FEWEST:
         return float("nan")
     window = np.hanning(left.size)
-    power = np.abs(np.fft.rfft(window * left)) ** 2
-    upper = power[power.size // 2 :]
+    spectrum = np.fft.rfft(window * left)
+    upper = np.abs(spectrum[spectrum.size // 2 :]) ** 2
     return float(np.sqrt(np.median(upper) / (np.log(2.0) * float(window @ window))))
 
 

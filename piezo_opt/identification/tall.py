@@ -33,22 +33,17 @@ def gram(j: FloatArray) -> FloatArray:
     return total
 
 
-def triangle(j: FloatArray, columns: NDArray[np.intp] | None = None) -> FloatArray:
-    """The triangular factor R of ``J = Q R``, up to signs of its rows (tall-skinny QR).
-
-    Args:
-        j: (M, k) tall matrix.
-        columns: those to take, in this order; all of them by default.
+def triangle(j: FloatArray) -> FloatArray:
+    """The triangular factor R of ``J = Q R`` (M, k), up to signs of its rows (tall-skinny QR).
 
     Source: Demmel, Grigori, Hoemmen & Langou (2012), SIAM J. Sci. Comput. 34(1), A206-A239.
     """
-    width = j.shape[1] if columns is None else columns.size
+    width = j.shape[1]
     if j.shape[0] < _ROWS or width > _ROWS:
-        return np.asarray(np.linalg.qr(j if columns is None else j[:, columns], mode="r"))
+        return np.asarray(np.linalg.qr(j, mode="r"))
     tops: list[FloatArray] = []
     for start in range(0, j.shape[0], _AT_ONCE):
-        part = j[start : start + _AT_ONCE]
-        blocks, rest = _blocks(part if columns is None else part[:, columns])
+        blocks, rest = _blocks(j[start : start + _AT_ONCE])
         if blocks.size:
             tops.append(np.asarray(np.linalg.qr(blocks, mode="r")).reshape(-1, width))
         tops.append(rest)

@@ -1,7 +1,7 @@
 """Spectra of even signals, by the fast Fourier transform alone.
 
-The signal-processing library takes a second to load, longer than most fits; these three are all
-that a fit asks of it, and its tests compare them with it.
+The signal-processing library takes a second to load, longer than most fits; these are all that a
+fit asks of it, and their tests compare them with it.
 """
 
 from __future__ import annotations
@@ -25,8 +25,10 @@ def frequencies(length: int, rate: float) -> FloatArray:
     return np.asarray(np.fft.rfftfreq(length, 1.0 / rate), dtype=np.float64)
 
 
-def cross_density(one: FloatArray, other: FloatArray, *, rate: float, length: int) -> ComplexArray:
-    """One-sided cross density of two signals (N,) at `frequencies` [product of units / Hz].
+def densities(
+    one: FloatArray, other: FloatArray, *, rate: float, length: int
+) -> tuple[FloatArray, ComplexArray, FloatArray]:
+    """One-sided densities of two signals (N,) at `frequencies` [product of units / Hz].
 
         S(f) = 2 / (rate K sum w^2) sum_k conj(X_k) Y_k
 
@@ -38,23 +40,40 @@ def cross_density(one: FloatArray, other: FloatArray, *, rate: float, length: in
         rate: samples a second [Hz].
         length: samples of a stretch.
 
+    Returns:
+        density of the first one, cross density, density of the other.
+
     Source: Welch (1967), IEEE Trans. Audio Electroacoust. 15, 70-73.
     """
-    length = min(length, one.size)
-    apart = length - length // 2
-    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
-    total = np.zeros(length // 2 + 1, dtype=np.complex128)
-    starts = range(0, one.size - length + 1, apart)
-    for start in starts:
-        x, y = (v[start : start + length] for v in (one, other))
-        first = np.fft.rfft(window * (x - x.mean()))
-        second = first if one is other else np.fft.rfft(window * (y - y.mean()))
-        total += np.conj(first) * second
-    total /= len(starts) * rate * float(window @ window)
-    total[1 : (length + 1) // 2] *= 2.0
-    return total
+    x, y = (_stretches(v, length) for v in (one, other))
+    share = _share(one.size, rate, length)
+    return _power(x) * share, np.sum(np.conj(x) * y, axis=0) * share, _power(y) * share
 
 
 def density(values: FloatArray, *, rate: float, length: int) -> FloatArray:
-    """One-sided density of a signal (N,) [unit^2 / Hz], as `cross_density` with itself."""
-    return np.real(cross_density(values, values, rate=rate, length=length))
+    """One-sided density of a signal (N,) [unit^2 / Hz], as `densities` has it."""
+    return _power(_stretches(values, length)) * _share(values.size, rate, length)
+
+
+def _power(spectra: ComplexArray) -> FloatArray:
+    return np.asarray(np.sum(spectra.real**2 + spectra.imag**2, axis=0))
+
+
+def _stretches(values: FloatArray, length: int) -> ComplexArray:
+    """(K, length // 2 + 1) spectra of the stretches, each less its mean and under its window."""
+    length = min(length, values.size)
+    every = np.lib.stride_tricks.sliding_window_view(values, length)[:: length - length // 2]
+    return np.fft.rfft(_window(length) * (every - every.mean(axis=1, keepdims=True)))
+
+
+def _window(length: int) -> FloatArray:
+    return np.asarray(0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length))
+
+
+def _share(size: int, rate: float, length: int) -> FloatArray:
+    """(length // 2 + 1,) what sums over the stretches of so many samples are multiplied by."""
+    length = min(length, size)
+    stretches = 1 + (size - length) // (length - length // 2)
+    share = np.full(length // 2 + 1, 1.0 / (stretches * rate * float(np.sum(_window(length) ** 2))))
+    share[1 : (length + 1) // 2] *= 2.0
+    return share

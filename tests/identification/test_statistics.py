@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
+from piezo_opt.identification.objective import Linearised
 from piezo_opt.identification.statistics import (
     _autocorrelation,
     _long_run,
@@ -32,7 +33,7 @@ def left(noise: FloatArray, j: FloatArray = LINE) -> FloatArray:
 
 def test_white_residuals_give_the_textbook_covariance() -> None:
     residual = left(autoregressive(0, 0.0))
-    known = uncertainty(residual, LINE, BOTH, N)
+    known = uncertainty(Linearised(residual, LINE), BOTH, N)
     by_hand = float(residual @ residual) / (N - 2) * np.linalg.inv(LINE.T @ LINE)
     assert not known.coloured
     np.testing.assert_allclose(known.covariance, by_hand, rtol=1e-9, atol=1e-15)
@@ -43,7 +44,7 @@ def test_correlated_residuals_widen_the_intervals_by_the_inflation_of_their_spec
     ratios = []
     for seed in range(30):
         residual = left(autoregressive(seed, phi))
-        known = uncertainty(residual, LINE, BOTH, N)
+        known = uncertainty(Linearised(residual, LINE), BOTH, N)
         assert known.coloured
         white = float(residual @ residual) / (N - 2) * np.linalg.inv(LINE.T @ LINE)
         ratios.append(np.sqrt(known.covariance[0, 0] / white[0, 0]))
@@ -55,7 +56,7 @@ def test_correlated_residuals_widen_the_intervals_by_the_inflation_of_their_spec
 
 def test_correlation_never_makes_surer_than_white_noise() -> None:
     residual = left(autoregressive(3, -0.8))
-    known = uncertainty(residual, LINE, BOTH, N)
+    known = uncertainty(Linearised(residual, LINE), BOTH, N)
     white = float(residual @ residual) / (N - 2) * np.linalg.inv(LINE.T @ LINE)
     assert known.coloured
     assert np.all(np.diag(known.covariance) >= np.diag(white) * (1 - 1e-12))
@@ -68,7 +69,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say(phi: float) -> None:
     for seed in range(draws):
         noise = autoregressive(1000 + seed, phi)
         estimate = np.linalg.lstsq(LINE, noise, rcond=None)[0]
-        known = uncertainty(noise - LINE @ estimate, LINE, BOTH, N)
+        known = uncertainty(Linearised(noise - LINE @ estimate, LINE), BOTH, N)
         covered += np.abs(estimate) <= reach * np.sqrt(np.diag(known.covariance))
     assert np.all(covered / draws > 0.85)
     assert np.all(covered / draws < 0.99)
@@ -76,7 +77,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say(phi: float) -> None:
 
 def test_an_unknown_at_its_bound_has_no_interval_and_widens_no_other() -> None:
     residual = left(autoregressive(0, 0.0), LINE[:, :1])
-    known = uncertainty(residual, LINE, np.array([True, False]), N)
+    known = uncertainty(Linearised(residual, LINE), np.array([True, False]), N)
     assert np.isnan(known.covariance[1]).all()
     assert np.isnan(known.covariance[:, 1]).all()
     assert known.covariance[0, 0] == pytest.approx(float(residual @ residual) / (N - 1) / N)
@@ -85,7 +86,7 @@ def test_an_unknown_at_its_bound_has_no_interval_and_widens_no_other() -> None:
 def test_rows_of_priors_sharpen_but_are_no_samples() -> None:
     residual = left(autoregressive(0, 0.0))
     pinned = np.vstack([LINE, [[0.0, 1e3]]])
-    known = uncertainty(np.append(residual, 0.0), pinned, BOTH, N)
+    known = uncertainty(Linearised(np.append(residual, 0.0), pinned), BOTH, N)
     sigma2 = float(residual @ residual) / (N - 2)
     by_hand = sigma2 * np.linalg.inv(pinned.T @ pinned)
     np.testing.assert_allclose(known.covariance, by_hand, rtol=1e-9, atol=1e-15)
@@ -95,7 +96,7 @@ def told(names: tuple[str, ...], columns: FloatArray, noise: float = 1e-3) -> tu
     k = columns.shape[1]
     residual = noise * autoregressive(0, 0.0)
     theta, free = np.ones(k), np.ones(k, dtype=bool)
-    return blind_spots(names, theta, np.ones(k), residual, columns, free)
+    return blind_spots(names, theta, np.ones(k), Linearised(residual, columns), free)
 
 
 WAVES = np.column_stack([np.sin((k + 1) * np.pi * CLOCK) for k in range(4)])

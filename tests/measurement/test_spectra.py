@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from piezo_opt.measurement.spectra import cross_density, density, frequencies, without_line
+from piezo_opt.measurement.spectra import densities, density, frequencies, without_line
 
 RNG = np.random.default_rng(3)
 ONE, OTHER = RNG.normal(size=(2, 1001)).cumsum(axis=1)
@@ -14,11 +14,13 @@ ONE, OTHER = RNG.normal(size=(2, 1001)).cumsum(axis=1)
 def test_densities_are_those_of_the_library(length: int) -> None:
     f, cross = signal.csd(ONE, OTHER, fs=250.0, nperseg=length)
     np.testing.assert_allclose(frequencies(length, 250.0), f, rtol=1e-14)
-    ours = cross_density(ONE, OTHER, rate=250.0, length=length)
+    first, ours, second = densities(ONE, OTHER, rate=250.0, length=length)
     np.testing.assert_allclose(ours, cross, rtol=1e-9, atol=1e-12 * np.abs(cross).max())
-    _, power = signal.welch(ONE, fs=250.0, nperseg=length)
-    ours = density(ONE, rate=250.0, length=length)
-    np.testing.assert_allclose(ours, power, rtol=1e-9, atol=1e-12 * power.max())
+    for values, by_pair in ((ONE, first), (OTHER, second)):
+        _, power = signal.welch(values, fs=250.0, nperseg=length)
+        np.testing.assert_allclose(by_pair, power, rtol=1e-9, atol=1e-12 * power.max())
+        alone = density(values, rate=250.0, length=length)
+        np.testing.assert_allclose(alone, by_pair, rtol=1e-14)
 
 
 def test_a_line_is_taken_out() -> None:

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.outcome import Ending
 from piezo_opt.identification.solvers.base import Solution
-from piezo_opt.identification.tall import gram
-from piezo_opt.simulation.accuracy import DIVERGED
 
 FloatArray = NDArray[np.float64]
 
@@ -94,16 +92,13 @@ class LevenbergMarquardt:
             weighted = objective.robust(point)
             straight = ~relative | (theta < _SMALL * unknowns.scale)
             scale = np.where(straight, unknowns.scale, theta)
-            with np.errstate(over="ignore", invalid="ignore"):
-                gradient = weighted.jacobian.T @ weighted.residual
-                normal = gram(weighted.jacobian)
-            # As good as looking through the whole Jacobian.
-            if not (np.abs(gradient) < DIVERGED).all() or not (np.abs(normal) < DIVERGED).all():
+            if not weighted.usable:
                 return Solution(
                     theta, Ending.FAILED,
                     "The sensitivities are not finite at the best point; tighten the bounds.",
                 )  # fmt: skip
-            gradient, normal = scale * gradient, normal * np.outer(scale, scale)
+            slope, bend = weighted.normal
+            gradient, normal = scale * slope, scale[:, None] * bend * scale
             now = np.sqrt(np.diag(normal))
             norms = np.where(straight, np.maximum(norms, now), now)
             weight = np.where(norms > 0, norms, 1.0) ** 2
