@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 (LOAD, ROW, CONSTANT, ADD, SUB, MUL, DIV, MIN, MAX, AND, CLEAR, FLIP, ROOT, COMPARE, JOIN,
  LESS_JOIN, JOIN_LESS, CALL, POWER, STORE, STORE_ROW) = range(21)  # fmt: skip
-"""Operations of ``machine.h``, in its order."""
+"""Operations of ``assembler.h``, in its order."""
 _TEXTS: Final = {
     ADD: "{0} + {1}", SUB: "{0} - {1}", MUL: "{0} * {1}", DIV: "{0} / {1}", FLIP: "-{1}",
     MIN: "{0} < {1} ? {0} : {1}", MAX: "{0} > {1} ? {0} : {1}", AND: "{0} ? {1} : 0.0",

@@ -49,10 +49,11 @@ class Linearised:
     readings: tuple[FloatArray, ...] = ()
 
     @lazy
-    def normal(self) -> tuple[FloatArray, FloatArray]:
-        """``J'r`` (k,) and ``J'J`` (k, k) of the normal equations."""
+    def normal(self) -> tuple[float, FloatArray, FloatArray]:
+        """``r'r``, ``J'r`` (k,) and ``J'J`` (k, k)."""
+        j, r = self.jacobian, self.residual
         with np.errstate(over="ignore", invalid="ignore"):
-            return self.jacobian.T @ self.residual, gram(self.jacobian)
+            return float(r @ r), j.T @ r, gram(j)
 
     @lazy
     def root(self) -> FloatArray:
@@ -61,13 +62,9 @@ class Linearised:
 
     @property
     def usable(self) -> bool:
-        """Whether squares are finite: those of a simulation that diverges are not.
-
-        The normal equations show it as well as the whole Jacobian would.
-        """
-        with np.errstate(over="ignore", invalid="ignore"):
-            squares = float(self.residual @ self.residual)
-        return squares < DIVERGED and all((np.abs(a) < DIVERGED).all() for a in self.normal)
+        """Whether squares are finite: those of a simulation that diverges are not."""
+        squares, _, bend = self.normal
+        return bool(squares < DIVERGED and bend.trace() < DIVERGED)
 
 
 @final
@@ -124,7 +121,7 @@ class Objective:
             simulator.accuracy = known
         self.counted = [r.counted for r in records]
         self.samples = int(sum(c.sum() for c in self.counted))
-        self._plain = self._root_weights[0] == 1.0 and bool(self.counted[0].all())
+        self._plain = set(self._root_weights) == {1.0} and all(c.all() for c in self.counted)
         self._priors = [(k, m.prior) for k, m in enumerate(unknowns.members) if m.prior is not None]
 
     @property
@@ -217,10 +214,16 @@ class Objective:
     def _misfit(self, index: int, reading: FloatArray) -> FloatArray:
         """Weighted residuals of one record on its counted samples."""
         off = reading - self.question.campaign.records[index].position
+        if self._plain:
+            return np.asarray(off)
         return np.asarray(self._root_weights[index] * off[self.counted[index]])
 
     def _residual(self, readings: Sequence[FloatArray], theta: FloatArray) -> FloatArray:
-        parts = [self._misfit(i, reading) for i, reading in enumerate(readings)]
+        return self._stacked([self._misfit(i, one) for i, one in enumerate(readings)], theta)
+
+    def _stacked(self, parts: list[FloatArray], theta: FloatArray) -> FloatArray:
+        if len(parts) == 1 and not self._priors:
+            return parts[0]
         return np.concatenate([*parts, self._prior_rows(theta)])
 
     def linearised(self, theta: FloatArray, most: float = np.inf) -> Linearised:
@@ -235,16 +238,15 @@ class Objective:
         residuals, blocks = [], []
         readings: list[FloatArray] = []
         for i, simulator in enumerate(self.simulators):
-            record, mask = self.question.campaign.records[i], self.counted[i]
+            mask = self.counted[i]
             reading, slopes = simulator.with_sensitivities(
                 self.unknowns.of_record(i, theta), self._ceiling(readings, most)
             )
             readings.append(reading)
+            residuals.append(self._misfit(i, reading))
             if len(self.simulators) == 1 and self._plain:
-                residuals.append(reading - record.position)
                 blocks.append(slopes)
                 continue
-            residuals.append(self._misfit(i, reading))
             block = np.zeros((int(mask.sum()), theta.size))
             if np.isfinite(reading).all():
                 block[:, self._columns[i]] = self._root_weights[i] * slopes[mask]
@@ -255,7 +257,7 @@ class Objective:
             for row, (k, prior) in enumerate(self._priors):
                 rows[row, k] = noise / prior.std
             blocks.append(rows)
-        residual = np.concatenate([*residuals, self._prior_rows(theta)])
+        residual = self._stacked(residuals, theta)
         jacobian = blocks[0] if len(blocks) == 1 else np.vstack(blocks)
         return Linearised(residual, jacobian, tuple(readings))
 
@@ -277,7 +279,9 @@ class Objective:
 
     def rms(self, residual: FloatArray) -> float:
         """Root mean square of the (weighted) residuals without prior rows [m]."""
-        return float(np.sqrt(np.mean(residual[: self.samples] ** 2)))
+        counted = residual[: self.samples]
+        with np.errstate(over="ignore"):
+            return float(np.sqrt(counted @ counted / max(1, self.samples)))
 
     def robust(self, point: Linearised) -> Linearised:
         """Residual and Jacobian whose plain least squares step is that of the robust loss."""

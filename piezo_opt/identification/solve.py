@@ -18,7 +18,7 @@ from piezo_opt.identification.outcome import Ending, Outcome
 from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.result import Fit
 from piezo_opt.identification.solvers.base import Solution
-from piezo_opt.identification.starting import another_start, starting_values, straight_line
+from piezo_opt.identification.starting import another_start, starting_values
 from piezo_opt.identification.statistics import blind_spots, uncertainty
 from piezo_opt.identification.stuck import doubtful, explains_nothing, far_above
 from piezo_opt.identification.transcription import SingleShooting, Transcription
@@ -213,7 +213,7 @@ def _finish(
         names=unknown.names,
         covariance=np.full((k, k), np.nan),
         coloured=False,
-        at_bound=_at_bound(unknown, theta, weighted.normal[0]),
+        at_bound=_at_bound(unknown, theta, weighted.normal[1]),
         readings=point.readings,
         outcome=Outcome(solution.ending, ""),
         trace=monitor.trace,
@@ -317,7 +317,7 @@ def _line_rms(question: Identification) -> float:
     """Root mean square left by a straight line over the drive, one line a record [m]."""
     left = []
     for record in question.campaign.records:
-        slope, intercept = straight_line(record)
+        slope, intercept = record.line
         left.append((record.position - intercept - slope * record.drive)[record.counted])
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
 

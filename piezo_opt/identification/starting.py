@@ -87,7 +87,7 @@ def starting_values(
     record = question.campaign.records[0]
     given = set(question.values) | set(question.fixed)
     settled = {k for k, p in declared.items() if p.fixed and k not in question.free} | given
-    gain, offset = straight_line(record)
+    gain, offset = record.line
     for name, p in declared.items():
         if name in settled:
             continue
@@ -129,7 +129,7 @@ def _base_start(
     """The start with the structural effects' gains, loop and resonance found from the record."""
     start, model = dict(begin), question.model
     declared, record = model.parameters, question.campaign.records[0]
-    gain, _ = straight_line(record)
+    gain, _ = record.line
     swing = float(np.ptp(record.drive)) or 1.0
     # Gains that the drive multiplies are no longer gains of a line once there is a loop.
     for name in declared:
@@ -179,7 +179,7 @@ def another_start(question: Identification, values: Values, residual: FloatArray
     here = dict(values)
     begun: list[dict[str, float]] = []
     if loop is not None and search.free(f"{loop}.beta") and search.free(f"{loop}.gamma"):
-        wide = {f"{loop}.alpha": 0.2 * straight_line(record)[0]}
+        wide = {f"{loop}.alpha": 0.2 * record.line[0]}
         wide = {k: v for k, v in wide.items() if search.free(k)}
         for width in np.divide(_WIDTHS, float(np.ptp(record.drive)) or 1.0).tolist():
             for share in _ROUNDNESSES:
@@ -337,15 +337,6 @@ def _elsewhere(found: dict[str, float], best: dict[str, float], shapes: Sequence
     return any(not best_k / _APART < k < best_k * _APART for k, best_k in sizes)
 
 
-def straight_line(record: Measurement) -> tuple[float, float]:
-    """Slope [m/V] and intercept [m] of position over drive on the counted samples."""
-    drive, position = record.drive[record.counted], record.position[record.counted]
-    middle, height = float(drive.mean()), float(position.mean())
-    away = drive - middle
-    slope = float(away @ position) / (float(away @ away) or 1.0)
-    return slope, height - slope * middle
-
-
 def _light(question: Identification) -> Identification:
     """The question about its first record only: enough for a start."""
     first = question.campaign.records[0]
@@ -383,6 +374,7 @@ class _Search:
         self._objective: Objective | None = None
         self._unknowns: Unknowns | None = None
         self._finer: dict[float, Objective] = {}
+        self._linear_of: dict[tuple[str, ...], NDArray[np.intp]] = {}
 
     def _ready(
         self, start: dict[str, float], farthest: float = np.inf
@@ -432,15 +424,17 @@ class _Search:
             return float("inf"), start
         step = np.zeros(theta.size)
         linear = self._linear(unknown, extra)
-        slope, bend = point.normal
+        _, slope, bend = point.normal
         # A touch of ridge keeps directions that the record cannot see where they are.
         norms = np.sqrt(bend[linear, linear])
         norms[norms == 0.0] = 1.0
         normal = bend[linear[:, None], linear] / (norms[:, None] * norms)
         normal.flat[:: linear.size + 1] += 1e-6
         step[linear] = np.linalg.solve(normal, -slope[linear] / norms) / norms
-        if min(cost, objective.cost(point.residual + point.jacobian @ step)) >= worst:
-            return cost, start
+        if worst < np.inf:
+            foreseen = objective.cost(point.residual + point.jacobian @ step)
+            if min(cost, foreseen) >= worst:
+                return cost, start
         moved = unknown.clip(theta + step)
         after = objective.cost(objective.residual(moved, most=min(cost, worst)))
         if after < cost:
@@ -449,12 +443,15 @@ class _Search:
 
     def _linear(self, unknown: Unknowns, extra: Sequence[str]) -> NDArray[np.intp]:
         """Places of the unknowns that enter the reading (nearly) linearly."""
-        declared = self.question.model.parameters
-        return np.flatnonzero([
-            m.name.startswith("initial.") or m.name in extra
-            or declared[m.local].unit in ("m/V", "m")
-            for m in unknown.members
-        ])  # fmt: skip
+        key = tuple(extra)
+        if key not in self._linear_of:
+            declared = self.question.model.parameters
+            self._linear_of[key] = np.flatnonzero([
+                m.name.startswith("initial.") or m.name in extra
+                or declared[m.local].unit in ("m/V", "m")
+                for m in unknown.members
+            ])  # fmt: skip
+        return self._linear_of[key]
 
     @property
     def samples(self) -> int:

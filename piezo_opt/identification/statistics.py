@@ -165,7 +165,7 @@ def blind_spots(
     """
     sentences: list[str] = []
     size = np.where(np.abs(theta) > 1e-3 * scale, np.abs(theta), scale)
-    norms = np.sqrt(np.diag(point.normal[1])) * size
+    norms = np.sqrt(np.diag(point.normal[2])) * size
     dof = max(1, point.residual.size - theta.size)
     sigma = float(np.sqrt(point.residual @ point.residual / dof)) or 1e-300
     told: set[str] = set()

@@ -148,7 +148,7 @@ def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[floa
     elif parameter.unit == "1/V" and not parameter.fixed:
         sharpest = 1.0 / (_NARROWEST * max(float(np.ptp(r.drive)) for r in records))
         low, high = max(low, -sharpest), min(high, sharpest)
-    elif parameter.unit in ("m/V", "V/m") and low == 0.0 and falls(records[0]):
+    elif parameter.unit in ("m/V", "V/m") and low == 0.0 and records[0].falls:
         low, high = -high, -low
     if not low < high:
         return parameter.bounds
@@ -157,17 +157,6 @@ def limits(parameter: Parameter, records: tuple[Measurement, ...]) -> tuple[floa
 
 def _stroke(records: tuple[Measurement, ...]) -> float:
     return max(float(np.ptp(r.position[r.counted])) for r in records)
-
-
-def falls(record: Measurement) -> bool:
-    """Whether the position falls as the drive rises (a mirrored sensor or amplifier).
-
-    Judged on running sums, in which the slow part outweighs a resonance: beyond that the position
-    falls as the drive rises, and nothing is mirrored.
-    """
-    drive, position = record.drive[record.counted], record.position[record.counted]
-    slow = np.cumsum(drive - drive.mean())
-    return float(slow @ np.cumsum(position - position.mean())) < 0.0
 
 
 def unknowns(question: Identification, start: Values) -> Unknowns:

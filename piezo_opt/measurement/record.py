@@ -171,6 +171,26 @@ class Measurement:
         mask.flags.writeable = False
         return mask
 
+    @cached_property
+    def line(self) -> tuple[float, float]:
+        """Slope [m/V] and intercept [m] of position over drive on the counted samples."""
+        drive, position = self.drive[self.counted], self.position[self.counted]
+        middle, height = float(drive.mean()), float(position.mean())
+        away = drive - middle
+        slope = float(away @ position) / (float(away @ away) or 1.0)
+        return slope, height - slope * middle
+
+    @cached_property
+    def falls(self) -> bool:
+        """Whether the position falls as the drive rises (a mirrored sensor or amplifier).
+
+        Judged on running sums, in which the slow part outweighs a resonance: beyond that the
+        position falls as the drive rises, and nothing is mirrored.
+        """
+        drive, position = self.drive[self.counted], self.position[self.counted]
+        slow = np.cumsum(drive - drive.mean())
+        return float(slow @ np.cumsum(position - position.mean())) < 0.0
+
     @property
     def gaps(self) -> tuple[tuple[float, float], ...]:
         """(last instant before, first instant after) [s] of every interval over 1.5 steps."""

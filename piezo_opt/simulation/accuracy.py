@@ -139,21 +139,20 @@ def _rates(
 ) -> tuple[float, float]:
     """Both rates where the states at the beginning of segment i are ``states(i)``."""
 
-    def fastest(i: int, slope: float) -> float:
-        a = moving.slopes(
-            segment.time[i], states(i), segment.drive[i], slope, segment.channels[i],
+    chosen = list(segment.by_slope)
+    slope = segment.slope[chosen]
+    by_slope = np.array([
+        moving.slopes(
+            segment.time[i], states(i), segment.drive[i], driven, segment.channels[i],
             segment.channel_slopes[i], parameters,
-        )  # fmt: skip
-        return float(np.abs(np.linalg.eigvals(a)).max()) if np.isfinite(a).all() else 0.0
-
-    by_itself = by_drive = 0.0
-    for i in segment.by_slope:
-        still = fastest(i, 0.0)
-        by_itself = max(by_itself, still)
-        slope = float(segment.slope[i])
-        if slope != 0.0:
-            by_drive = max(by_drive, (fastest(i, slope) - still) / abs(slope))
-    return by_itself, by_drive
+        )
+        for i in chosen for driven in (0.0, segment.slope[i])
+    ])  # fmt: skip
+    finite = np.isfinite(by_slope).all(axis=(1, 2))
+    fastest = np.abs(np.linalg.eigvals(np.where(finite[:, None, None], by_slope, 0.0))).max(axis=1)
+    still, moved = fastest.reshape(-1, 2).T
+    steep = np.where(slope != 0.0, np.abs(slope), np.inf)
+    return float(still.max()), float(((moved - still) / steep).max(initial=0.0))
 
 
 def choose(
@@ -217,8 +216,8 @@ def choose(
             )
         last, known = known, {}  # a long record's readings of every round would fill memory
         coarse = reading(substeps, cut)
-        halved = replace(substeps, times=2)
-        fine = reading(halved, halved.of(segment))
+        # What takes no time cannot be cut.
+        fine = reading(replace(substeps, times=2), np.where(segment.length > 0.0, 2 * cut, cut))
         shorter = substeps.scaled(0.5, 0.5)
         if _bounded(fine) and _bounded(coarse):
             change = _rms(fine - coarse)

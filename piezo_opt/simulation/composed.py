@@ -6,6 +6,7 @@ import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import accumulate
 from typing import Any, Final, final
 
 import numpy as np
@@ -25,7 +26,7 @@ from piezo_opt.simulation.library import (
     functions_of,
 )
 from piezo_opt.simulation.runs import Ceiling, Run
-from piezo_opt.simulation.schedule import Segment
+from piezo_opt.simulation.schedule import Addresses, Segment
 from piezo_opt.simulation.scheme import INITIAL
 from piezo_opt.simulation.undivided import undivided
 
@@ -57,13 +58,6 @@ class _Plan(ctypes.Structure):
             "weights", "read",
         )),
     ]  # fmt: skip
-
-
-class _Segments(ctypes.Structure):
-    _fields_ = [
-        (name, _POINTER)
-        for name in ("h", "nsub", "t", "u", "du", "c", "dc", "ht", "ut", "tt", "ct", "obs")
-    ]
 
 
 class _Wanted(ctypes.Structure):
@@ -147,19 +141,24 @@ class Program:
             deviation: (n,), none unless given.
             begins: slot that each direction moves, none unless given.
         """
-        n = len(self.system.state_names)
-        k = 0 if begins is None else begins.size
-        p = vector(parameters, len(self.system.parameter_names))
-        d = np.zeros(n) if deviation is None else vector(deviation, n)
-        when, drive = ctypes.c_double(at[0]), ctypes.c_double(at[1])
-        beside = vector(at[2], len(self.system.channel_names))
-        x, s = np.empty(n), np.zeros((n, k))
-        checked(self.core.po_start(
-            ctypes.byref(self.plan), ctypes.byref(when), ctypes.byref(drive), beside.ctypes.data,
-            p.ctypes.data, d.ctypes.data, None if begins is None else begins.ctypes.data, k,
-            x.ctypes.data, s.ctypes.data,
+        system = self.system
+        n, k = len(system.state_names), 0 if begins is None else begins.size
+        # One behind the other: asking for the address of each takes longer than the start itself.
+        sizes = 2, len(system.channel_names), len(system.parameter_names), n, n, n * k
+        *_, c, p, d, x, s, end = accumulate((0, *sizes))
+        numbers = np.zeros(end)
+        numbers[:c] = at[:2]
+        numbers[c:p] = checked(at[2], sizes[1])
+        numbers[p:d] = checked(parameters, sizes[2])
+        if deviation is not None:
+            numbers[d:x] = checked(deviation, n)
+        here = numbers.ctypes.data
+        moved = None if begins is None else begins.ctypes.data
+        enough(self.core.po_start(
+            ctypes.byref(self.plan), here, here + 8, here + 8 * c, here + 8 * p, here + 8 * d,
+            moved, k, here + 8 * x, here + 8 * s,
         ))  # fmt: skip
-        return x, s
+        return numbers[x:s], numbers[s:].reshape(n, k)
 
     @property
     def delay(self) -> Callable[[FloatArray], float] | None:
@@ -332,7 +331,7 @@ class _CodeFields(ctypes.Structure):
 INSTRUCTION: Final = np.dtype(
     [("op", "i4"), ("detail", "i4"), ("inputs", "i4", 3), ("place", "i4"), ("by", "f8")]
 )
-"""``po_instruction`` in ``machine.h``."""
+"""``po_instruction`` in ``assembler.h``."""
 _MOST: Final = 40_000
 
 
@@ -416,40 +415,40 @@ class ComposedEngine:
         ceiling: Ceiling | None = None,
     ) -> Run:
         """Simulate."""
-        count, (n, k) = segment.readings, self._shape
-        p = vector(parameters, self._parameters)
-        x = vector(start, n).copy()
-        s = np.array(start_sensitivities, dtype=float, order="C")
-        cut = np.ascontiguousarray(substeps, dtype=np.int32)
-        if s.shape != (n, k) or cut.shape != segment.length.shape:
-            raise ValueError(f"sensitivities {s.shape}, sub-steps {cut.shape}: wrong shape")
+        count, (n, k), at_x = segment.readings, self._shape, self._parameters
+        at_s = at_x + n
+        numbers = np.empty(at_s + n * k)
+        x, s = numbers[at_x:at_s], numbers[at_s:].reshape(n, k)
+        numbers[:at_x] = checked(parameters, at_x)
+        x[:] = checked(start, n)
+        s[:] = checked(start_sensitivities, n, k)
+        here = numbers.ctypes.data
+        cut = np.ascontiguousarray(checked(substeps, segment.length.size), dtype=np.int32)
         y, j = np.full(count, np.nan), np.empty((count, k))
         xs = np.empty((count, n)) if states else None
         measured, most = None, np.inf
         if ceiling is not None:
-            measured, most = vector(ceiling.measured, count), ceiling.squares
+            measured, most = checked(ceiling.measured, count), ceiling.squares
         code = self.code(s)
-        at = segment.addresses
-        along = _Segments(
-            at.length, cut.ctypes.data, at.time, at.drive, at.slope, at.channels,
-            at.channel_slopes, at.length_by_delay, at.drive_by_delay, at.time_by_delay,
-            at.channels_by_delay, at.reading,
-        )  # fmt: skip
+        along = Addresses.from_buffer_copy(segment.addresses)
+        along.substeps = cut.ctypes.data
         wanted = _Wanted(
-            p.ctypes.data, *self._where, k, x.ctypes.data,
-            s.ctypes.data, y.ctypes.data, j.ctypes.data, None if xs is None else xs.ctypes.data,
+            here, *self._where, k, here + 8 * at_x, here + 8 * at_s, y.ctypes.data, j.ctypes.data, None if xs is None else xs.ctypes.data,
             None if measured is None else measured.ctypes.data, most,
             None if code is None else code.address,
         )  # fmt: skip
-        checked(self._core.po_run(
+        enough(self._core.po_run(
             self._plan, segment.length.size, ctypes.byref(along), ctypes.byref(wanted)
         ))  # fmt: skip
         return Run(y, j, xs, x, s)
 
     def code(self, s: FloatArray) -> Code | None:
         """Machine code for runs that start with such sensitivities; None where there is none."""
-        found = next((code for code in self._codes if code.suits(s)), None)
-        if found is None and self._machine:
+        for known in self._codes:
+            if known.suits(s):
+                return known
+        found = None
+        if self._machine:
             found = self._translated(s, None, None)
             if found is None:
                 self._machine = False  # nor would there be any the next time
@@ -477,18 +476,17 @@ class ComposedEngine:
         return None if address is None else Code(self._core, address)
 
 
-def checked(failed: int) -> None:
+def enough(failed: int) -> None:
     if failed:
         raise MemoryError("the simulation finds no memory")
 
 
-def vector(given: FloatArray, size: int) -> FloatArray:
-    """An array that a C program may trust the pointer of.
+def checked(given: FloatArray, *shape: int) -> FloatArray:
+    """An array of that shape: a C program reads as far as it is told.
 
     Raises:
-        ValueError: it has another shape.
+        ValueError: it has another one.
     """
-    found = np.ascontiguousarray(given, dtype=float)
-    if found.shape != (size,):
-        raise ValueError(f"a vector of {size} numbers is needed, not of shape {found.shape}")
-    return found
+    if given.shape != shape:
+        raise ValueError(f"numbers of shape {shape} are needed, not of shape {given.shape}")
+    return given

@@ -43,8 +43,8 @@ from piezo_opt.simulation.powers import POWERS
 from piezo_opt.symbolic import one_at_a_time
 
 WRITERS: Final = (
-    "core.h", "core.c", "machine.h", "exponential.py", "forms.py", "functions.py",
-    "instructions.py", "emit.py", "powers.py", "library.py", "undivided.py",
+    "core.h", "core.c", "machine.h", "assembler.h", "exponential.py", "forms.py",
+    "functions.py", "instructions.py", "emit.py", "powers.py", "library.py", "undivided.py",
 )  # fmt: skip
 """Files of this folder that a library follows from."""
 _NAMELESS: Final = "po_nameless_"
@@ -217,7 +217,7 @@ def _texts(
     units["forms.c"] = f"const char po_forms[] = {known};\n"
     if shared:
         units["core.c"] = _effort(1) + _file("core.c")
-        units["machine.h"] = _file("machine.h")
+        units |= {name: _file(name) for name in ("machine.h", "assembler.h")}
     return {**head(), **dict(sorted(units.items()))}
 
 

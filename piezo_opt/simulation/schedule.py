@@ -8,7 +8,8 @@ which makes the derivative by T exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+import ctypes
+from dataclasses import dataclass, replace
 from typing import final
 from weakref import WeakKeyDictionary
 
@@ -29,21 +30,19 @@ _FINER = 16
 
 
 @final
-@dataclass(frozen=True)
-class Addresses:
-    """Memory addresses of a :class:`Segment`'s columns; valid as long as it lives."""
+class Addresses(ctypes.Structure):
+    """Memory addresses of a :class:`Segment`'s columns; valid as long as it lives.
 
-    length: int
-    time: int
-    drive: int
-    slope: int
-    channels: int
-    channel_slopes: int
-    length_by_delay: int
-    drive_by_delay: int
-    time_by_delay: int
-    channels_by_delay: int
-    reading: int
+    ``po_segments`` in ``core.c``; the number of sub-steps is for a run to fill in.
+    """
+
+    _fields_ = [
+        (name, ctypes.c_void_p)
+        for name in (
+            "length", "substeps", "time", "drive", "slope", "channels", "channel_slopes",
+            "length_by_delay", "drive_by_delay", "time_by_delay", "channels_by_delay", "reading",
+        )
+    ]  # fmt: skip
 
 
 @final
@@ -100,16 +99,18 @@ class Segment:
     @lazy
     def addresses(self) -> Addresses:
         """Where the columns lie in memory, for the C program."""
-        found = {}
-        for one in fields(Addresses):
-            column = getattr(self, one.name)
-            kind = np.int32 if one.name == "reading" else np.float64
+        found = Addresses()
+        for name, _ in found._fields_:
+            if name == "substeps":
+                continue
+            column = getattr(self, name)
+            kind = np.int32 if name == "reading" else np.float64
             if column.dtype != kind or not column.flags.c_contiguous:
-                raise ValueError(f"{one.name}: the C program reads contiguous {kind.__name__}")
+                raise ValueError(f"{name}: the C program reads contiguous {kind.__name__}")
             if column.shape[0] != self.length.size:
-                raise ValueError(f"{one.name}: {column.shape[0]} rows for {self.length.size}")
-            found[one.name] = int(column.ctypes.data)
-        return Addresses(**found)
+                raise ValueError(f"{name}: {column.shape[0]} rows for {self.length.size}")
+            setattr(found, name, column.ctypes.data)
+        return found
 
 
 @final

@@ -135,7 +135,7 @@ class Simulator:
         if substeps is None:
             self.accuracy = self.choose(values, tolerance, most)
         else:
-            count = substeps.count(self.segment(values))
+            count = int(self._cut(self.segment(values), substeps).sum(dtype=np.int64))
             self.accuracy = Accuracy(substeps, float("nan"), count / record.time.size)
 
     @property

@@ -25,7 +25,6 @@ from piezo_opt.identification.starting import (
     joint_starts,
     resonance_start,
     starting_values,
-    straight_line,
 )
 from piezo_opt.measurement import FloatArray
 from piezo_opt.values import Values
@@ -180,7 +179,7 @@ def test_the_loop_is_found_whatever_its_width() -> None:
 def test_a_line_needs_no_search() -> None:
     time, drive = loops(50)
     measured = po.Measurement(time, drive, 1.5e-7 * drive - 4e-7)
-    assert straight_line(measured) == pytest.approx((1.5e-7, -4e-7))
+    assert measured.line == pytest.approx((1.5e-7, -4e-7))
     monitor = Monitor(())
     found = starting_values(po.Identification(LINE, measured), monitor)
     assert found["piezo_gain.d"] == pytest.approx(1.5e-7)

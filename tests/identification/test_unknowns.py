@@ -20,7 +20,7 @@ from piezo_opt.effects import (
     PiezoGain,
     SecondOrder,
 )
-from piezo_opt.identification.unknowns import Unknowns, falls, limits, theta_of, unknowns
+from piezo_opt.identification.unknowns import Unknowns, limits, theta_of, unknowns
 from tests.identification.truth import MOVING, STILL, TRUTH, loops, record
 
 TIME, DRIVE = loops(200)
@@ -155,8 +155,8 @@ def test_a_natural_frequency_lies_within_what_sampling_and_duration_hold() -> No
 
 def test_a_mirrored_sensor_mirrors_one_sided_strokes_only() -> None:
     mirrored = po.Measurement(TIME, DRIVE, -1e-7 * DRIVE)
-    assert falls(mirrored)
-    assert not falls(RECORD)
+    assert mirrored.falls
+    assert not RECORD.falls
     alpha, d = BoucWen().parameters["alpha"], PiezoGain().parameters["d"]
     assert limits(alpha, (mirrored,)) == (-alpha.bounds[1], 0.0)
     back = ChargeBackCoupling(whole=True).parameters["back"]
@@ -211,5 +211,5 @@ def test_a_resonance_is_no_mirror() -> None:
     drive = 50.0 + 20.0 * np.sin(2.0 * np.pi * time) + 20.0 * np.sin(fast)
     position = 1e-7 * (20.0 * np.sin(2.0 * np.pi * time) - 100.0 * np.sin(fast))
     assert np.corrcoef(drive, position)[0, 1] < 0.0
-    assert not falls(po.Measurement(time, drive, position))
-    assert falls(po.Measurement(time, drive, -position))
+    assert not po.Measurement(time, drive, position).falls
+    assert po.Measurement(time, drive, -position).falls

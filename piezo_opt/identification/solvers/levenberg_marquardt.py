@@ -72,7 +72,7 @@ class LevenbergMarquardt:
     def minimise(self, objective: Objective, start: FloatArray) -> Solution:
         """From a start within the bounds to a minimum."""
         unknowns = objective.unknowns
-        low, high, relative = unknowns.low, unknowns.high, unknowns.relative
+        low, high, usual = unknowns.low, unknowns.high, ~unknowns.relative
         theta = unknowns.clip(start)
         point = objective.linearised(theta)
         cost = objective.cost(point.residual)
@@ -90,27 +90,26 @@ class LevenbergMarquardt:
         history = [cost]
         for _ in range(self.iterations):
             weighted = objective.robust(point)
-            straight = ~relative | (theta < _SMALL * unknowns.scale)
+            straight = usual | (theta < _SMALL * unknowns.scale)
             scale = np.where(straight, unknowns.scale, theta)
             if not weighted.usable:
                 return Solution(
                     theta, Ending.FAILED,
                     "The sensitivities are not finite at the best point; tighten the bounds.",
                 )  # fmt: skip
-            slope, bend = weighted.normal
+            _, slope, bend = weighted.normal
             gradient, normal = scale * slope, scale[:, None] * bend * scale
             now = np.sqrt(np.diag(normal))
             norms = np.where(straight, np.maximum(norms, now), now)
-            weight = np.where(norms > 0, norms, 1.0) ** 2
-            held = ((theta <= low) & (gradient > 0)) | ((theta >= high) & (gradient < 0))
-            held |= np.diag(normal) == 0.0
-            moving = np.flatnonzero(~held)
-            steepness = np.abs(gradient[moving]) / np.sqrt(weight[moving])
-            if moving.size == 0 or cost <= floor or steepness.max() <= 1e-10 * np.sqrt(cost):
+            held = np.where(gradient > 0, theta <= low, theta >= high) & (gradient != 0.0)
+            moving = np.flatnonzero(~held & (now > 0.0))
+            size = np.where(norms > 0, norms, 1.0)
+            steepest = np.abs(gradient[moving] / size[moving]).max(initial=0.0)
+            if moving.size == 0 or cost <= floor or steepest <= 1e-10 * np.sqrt(cost):
                 return Solution(theta, Ending.CONVERGED, "the gradient vanished", point=point)
             reach = _reach(theta, straight, scale, low, high, unknowns.scale)
             while True:
-                step = _step(normal, gradient, weight, damping, moving, reach)
+                step = _step(normal, gradient, size, damping, moving, reach)
                 along = np.where(straight, step, np.expm1(np.where(straight, 0.0, step)))
                 trial = unknowns.clip(theta + along * scale)
                 predicted = -float(gradient @ step + 0.5 * step @ normal @ step)
@@ -175,18 +174,17 @@ def _reach(
     A bound is approached by nine tenths of the way and only touched from close by: a gate that
     jumps onto its null would take the derivatives of its shapes with it.
     """
-    ends = []
-    for bound in (low, high):
-        gap = bound - theta
-        way = np.where(np.abs(gap) > 1e-4 * size, 0.9 * gap, gap) / scale
+    gap = np.stack([low, high]) - theta
+    way = np.where(np.abs(gap) > 1e-4 * size, 0.9 * gap, gap) / scale
+    if not straight.all():
         with np.errstate(invalid="ignore", divide="ignore"):
             logarithm = np.log1p(np.maximum(way, -1.0))
-        ends.append(np.where(straight, way, np.clip(logarithm, -_FAR, _FAR)))
-    return ends[0], ends[1]
+        way = np.where(straight, way, np.clip(logarithm, -_FAR, _FAR))
+    return way[0], way[1]
 
 
 def _step(
-    normal: FloatArray, gradient: FloatArray, weight: FloatArray, damping: float,
+    normal: FloatArray, gradient: FloatArray, sizes: FloatArray, damping: float,
     moving: NDArray[np.intp], reach: tuple[FloatArray, FloatArray],
 ) -> FloatArray:  # fmt: skip
     """The damped step within reach.
@@ -198,7 +196,7 @@ def _step(
     step = np.zeros(gradient.size)
     free = moving
     while free.size:
-        size = np.sqrt(weight[free])
+        size = sizes[free]
         pulled = gradient[free] + normal[free] @ step
         system = normal[free[:, None], free] / (size[:, None] * size)
         system.flat[:: free.size + 1] += damping
