@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any, final
+
 import pytest
 
+from piezo_opt.assembly import assemble
 from piezo_opt.effects import (
     AmplifierLag,
     BoucWen,
+    Chain,
     Creep,
     Delay,
     Effect,
+    Equations,
     MaxwellSlip,
     Model,
     NonlinearGain,
@@ -109,6 +115,40 @@ def test_printing_shows_the_chain_the_equations_and_every_parameter_with_its_uni
     assert "quasi-static" in str(PiezoGain() + BoucWen())
 
 
+@final
+@dataclass(frozen=True)
+class Hollow(Effect):
+    """Strain with a memory in two of its four forms.
+
+    s += k z,  z' = v - z if it is rough or worn
+    """
+
+    place = Place.STRAIN
+    k = Parameter("m/V", "size", nominal=1e-9, null=0.0)
+    z = State("V", "memory", when=("rough", "worn"), unless=("new", "smooth"))
+    rough: bool = False
+    worn: bool = False
+    new: bool = False
+    smooth: bool = False
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        if "z" not in self.states:
+            return Equations(gives=p.k * chain.drive.value)
+        return Equations(gives=p.k * x.z, moves={"z": chain.drive.value - x.z})
+
+
+def test_a_state_may_be_of_several_forms() -> None:
+    """With any of some options, and without any of others."""
+    base = PiezoGain()
+    for options in ({"rough": True}, {"worn": True}, {"rough": True, "worn": True}):
+        assert Hollow(**options).states == {"z": 1}
+        assert assemble(base + Hollow(**options)).state_names == ("hollow.z",)
+        for other in ("new", "smooth"):
+            assert Hollow(**options, **{other: True}).states == {}
+    assert Hollow().states == {}
+    assert assemble(base + Hollow()).state_names == ()
+
+
 def test_a_form_that_is_no_option_is_refused() -> None:
     with pytest.raises(ModelError, match="'bend' depends on the option 'curved'"):
 
@@ -123,3 +163,11 @@ def test_a_form_that_is_no_option_is_refused() -> None:
             place = Place.STRAIN
             a = Parameter("1", "size", nominal=0.0, null=0.0)
             z = State("m", "memory", unless="rough")
+
+    with pytest.raises(ModelError, match="the state 'z' depends on the option 'torn'"):
+
+        class Torn(Effect):
+            place = Place.STRAIN
+            a = Parameter("1", "size", nominal=0.0, null=0.0)
+            z = State("m", "memory", when=("rough", "torn"))
+            rough: bool = False

@@ -61,7 +61,7 @@ class Effect(ABC):
             *(
                 (f"state '{name}'", option, False)
                 for name, s in cls._states.items()
-                for option in (s.when, s.unless)
+                for option in (*_names(s.when), *_names(s.unless))
             ),
         ]
         for member, option, number in options:

@@ -187,7 +187,7 @@ def blind_spots(
     # What the nuisances can explain is taken out first.
     others = [k for k in range(theta.size) if free[k] and nuisance(names[k]) and norms[k] > 0]
     # The triangle's lower right corner is what the last columns have to themselves.
-    both = np.linalg.qr(point.root[:, [*others, *usable]], mode="r")
+    both = np.asarray(np.linalg.qr(point.root[:, [*others, *usable]], mode="r"))
     seen = (both * size[[*others, *usable]])[len(others) :, len(others) :]
     for component in _hidden(seen, sigma):
         told.update(names[usable[i]] for i in component.members)

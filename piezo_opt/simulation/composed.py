@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate
-from typing import Any, Final, final
+from typing import Any, Final, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ from piezo_opt.simulation.runs import Ceiling, Run
 from piezo_opt.simulation.schedule import Addresses, Segment
 from piezo_opt.simulation.scheme import INITIAL
 from piezo_opt.simulation.undivided import undivided
+
+_Array = TypeVar("_Array", bound=NDArray[Any])
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -433,7 +435,8 @@ class ComposedEngine:
         along = Addresses.from_buffer_copy(segment.addresses)
         along.substeps = cut.ctypes.data
         wanted = _Wanted(
-            here, *self._where, k, here + 8 * at_x, here + 8 * at_s, y.ctypes.data, j.ctypes.data, None if xs is None else xs.ctypes.data,
+            here, *self._where, k, here + 8 * at_x, here + 8 * at_s, y.ctypes.data,
+            j.ctypes.data, None if xs is None else xs.ctypes.data,
             None if measured is None else measured.ctypes.data, most,
             None if code is None else code.address,
         )  # fmt: skip
@@ -481,7 +484,7 @@ def enough(failed: int) -> None:
         raise MemoryError("the simulation finds no memory")
 
 
-def checked(given: FloatArray, *shape: int) -> FloatArray:
+def checked(given: _Array, *shape: int) -> _Array:
     """An array of that shape: a C program reads as far as it is told.
 
     Raises:

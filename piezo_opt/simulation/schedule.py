@@ -100,7 +100,7 @@ class Segment:
     def addresses(self) -> Addresses:
         """Where the columns lie in memory, for the C program."""
         found = Addresses()
-        for name, _ in found._fields_:
+        for name in (field[0] for field in found._fields_):
             if name == "substeps":
                 continue
             column = getattr(self, name)

@@ -18,6 +18,7 @@ from piezo_opt.effects import (
     Creep,
     Dahl,
     Delay,
+    Drift,
     Effect,
     Equations,
     Friction,
@@ -291,6 +292,46 @@ def test_a_constant_delay_is_not_dropped() -> None:
     ptp = np.ptp(earlier) * values["piezo_gain.d"]
     found, expected = run.reading(values)[2:], values["piezo_gain.d"] * earlier[2:]
     np.testing.assert_allclose(found, expected, atol=2e-3 * ptp)
+
+
+@final
+@dataclass(frozen=True)
+class Late(Effect):
+    """A transport time that is known.
+
+    v(t) = u(t - 0.13 ms)
+    """
+
+    place = Place.INPUT
+    structural = True
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        return Equations(gives=chain.incoming.value, delays=1.3e-4)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("more", [1.7e-4, None], ids=["beside a delay", "alone"])
+def test_a_constant_delay_is_as_good_as_a_given_one(compiled: bool, more: float | None) -> None:
+    """Beside what remembers, resonates, lags and goes by the clock of the reading."""
+    chain = PiezoGain() + BoucWen() + Creep() + SecondOrder() + SensorLag() + Drift()
+    given = Delay() + AmplifierLag() + chain
+    late = Late() + (AmplifierLag() + chain if more is None else given)
+    values = {**Values.nominal(given), "second_order.omega": 3e3, "drift.rate": 1e-4}
+    directions = ("bouc_wen.beta", "creep.c", "second_order.omega")
+
+    def run(model: Model, delay: float) -> tuple[FloatArray, FloatArray]:
+        at = {**values, "delay.T": delay}
+        return Simulator(
+            model, RECORD, at, directions=directions, substeps=Substeps(1e-5, 1e9),
+            prefer_compiled=compiled,
+        ).with_sensitivities(at)  # fmt: skip
+
+    found, expected = run(late, more or 0.0), run(given, 1.3e-4 + (more or 0.0))
+    for ours, theirs in zip(found, expected, strict=True):
+        size = np.ptp(theirs, axis=0)
+        np.testing.assert_allclose(ours / size, theirs / size, rtol=0, atol=1e-11)
+    dropped = run(given, more or 0.0)[0]
+    assert np.abs(found[0] - dropped).max() > 0.03 * np.ptp(dropped)
 
 
 def test_equations_that_were_replaced_are_not_those_of_the_library(
