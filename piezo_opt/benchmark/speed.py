@@ -15,7 +15,8 @@ import resource
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -40,10 +41,12 @@ from piezo_opt.effects import (
     SensorLag,
 )
 from piezo_opt.errors import PiezoOptError
-from piezo_opt.identification import Identification, Start, solve
+from piezo_opt.identification import Identification, Start, objective, solve, starting
+from piezo_opt.identification.solvers import levenberg_marquardt
 from piezo_opt.measurement import Measurement
 from piezo_opt.simulation import Simulator, Substeps, composed
 from piezo_opt.simulation.compiler import load
+from piezo_opt.simulation.library import catalogue
 from piezo_opt.simulation.schedule import corners
 from piezo_opt.values import Values
 
@@ -121,6 +124,8 @@ class Speed:
         first_ms: for each model from ``Model`` to its first reading, the library loaded [ms].
         fit_ms: a whole fit of 7 parameters, start values included [ms].
         fit_simulations: simulations with derivatives that it would pay for.
+        fit_core, fit_algebra: shares of its time in the core's loop, and in the normal equations
+            and steps; the rest is Python's.
         lengths: nanoseconds a sample with derivatives, by the record's length.
         peak_mb: largest memory of this process so far [MB].
         library: how it was built; None where that was not asked.
@@ -134,6 +139,8 @@ class Speed:
     first_ms: Mapping[str, float]
     fit_ms: float
     fit_simulations: float
+    fit_core: float
+    fit_algebra: float
     lengths: Mapping[int, float]
     peak_mb: float
     library: Library | None
@@ -167,7 +174,9 @@ class Speed:
             table(("from Model to its first reading", "ms"),
                   [(n, f"{ms:.1f}") for n, ms in self.first_ms.items()]),
             f"A fit of 7 parameters takes {self.fit_ms:.1f} ms, as long as "
-            f"{self.fit_simulations:.0f} simulations with derivatives.",
+            f"{self.fit_simulations:.0f} simulations with derivatives: {self.fit_core:.0%} in the "
+            f"core's loop, {self.fit_algebra:.0%} in normal equations and steps, "
+            f"{1.0 - self.fit_core - self.fit_algebra:.0%} elsewhere.",
             table(("samples", "ns/sample with derivatives"),
                   [(f"{n:.0e}", f"{ns:.1f}") for n, ns in self.lengths.items()]),
             f"This process took {self.peak_mb:.0f} MB at most.",
@@ -221,7 +230,7 @@ def measure(
     if not off <= _AGREE:
         raise PiezoOptError(f"Readings differ by {off:.1e} of the range: report it.")
     progress("fit")
-    fit_ms, fit_simulations = _fit(samples, max(3, repetitions // 3))
+    fit = _fit(samples, max(3, repetitions // 3))
     by_length = {}
     for length in lengths:
         progress(f"{length} samples")
@@ -230,8 +239,8 @@ def measure(
     if library:
         progress("library")
     return Speed(
-        samples, repetitions, tuple(pairs), hand, first_ms, fit_ms, fit_simulations, by_length,
-        _peak(), _built() if library else None, off,
+        samples, repetitions, tuple(pairs), hand, first_ms, *fit, by_length, _peak(),
+        _built() if library else None, off,
     )  # fmt: skip
 
 
@@ -346,8 +355,58 @@ def _hand(record: Measurement, repetitions: int) -> tuple[tuple[Pair, ...], floa
     return tuple(pairs), off
 
 
-def _fit(samples: int, repetitions: int) -> tuple[float, float]:
-    """Milliseconds of a fit of the model that is written by hand, and simulations for the same."""
+@contextmanager
+def _watched(*places: tuple[Any, str]) -> Iterator[list[float]]:
+    """Seconds that functions take as long as it lasts; they are put back at its end."""
+    spent = [0.0] * len(places)
+    known = [getattr(where, name) for where, name in places]
+
+    def watch(i: int) -> Callable[..., Any]:
+        def timed(*given: Any) -> Any:
+            begin = perf_counter()
+            try:
+                return known[i](*given)
+            finally:
+                spent[i] += perf_counter() - begin
+
+        return timed
+
+    for i, (where, name) in enumerate(places):
+        setattr(where, name, watch(i))
+    try:
+        yield spent
+    finally:
+        for (where, name), one in zip(places, known, strict=True):
+            setattr(where, name, one)
+
+
+def _shares(run: Callable[[], object], repetitions: int) -> tuple[float, float]:
+    """Shares of a run's time in the core's loop, and in normal equations and steps; the median."""
+    library = catalogue()
+    if library is None:
+        raise PiezoOptError("The speed of compiled code needs a C compiler: install gcc or clang.")
+    shares = []
+    places = (
+        (library.loaded, "po_run"),
+        (objective, "normal_equations"),
+        (levenberg_marquardt, "_step"),
+        (starting, "_linear_step"),
+    )
+    for _ in range(repetitions):
+        with _watched(*places) as spent:
+            begin = perf_counter()
+            run()
+            whole = perf_counter() - begin
+        shares.append((spent[0] / whole, sum(spent[1:]) / whole))
+    core, steps = np.median(shares, axis=0).tolist()
+    return core, steps
+
+
+def _fit(samples: int, repetitions: int) -> tuple[float, float, float, float]:
+    """Of a fit of the model that is written by hand.
+
+    Milliseconds, simulations for the same, shares in the core's loop and in linear algebra.
+    """
     record = _record(samples)
     truth = _values(HAND).with_({"second_order.omega": 2.0 * np.pi * 180.0})
     clean = Simulator(HAND, record, truth).reading(truth)
@@ -360,7 +419,7 @@ def _fit(samples: int, repetitions: int) -> tuple[float, float]:
     whole, single = _fastest(
         [lambda: solve(question), lambda: one.with_sensitivities(fit.values)], repetitions, 1
     )
-    return 1e-6 * whole, whole / single
+    return 1e-6 * whole, whole / single, *_shares(lambda: solve(question), repetitions)
 
 
 _BUILD: Final = """

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.problem import Identification, Loss, Shape, Start
-from piezo_opt.identification.tall import gram, triangle
+from piezo_opt.identification.tall import normal_equations, triangle
 from piezo_opt.identification.unknowns import Unknowns
 from piezo_opt.lazy import lazy
 from piezo_opt.simulation import TOLERANCE, Accuracy, Initial, Simulator
@@ -51,9 +51,7 @@ class Linearised:
     @lazy
     def normal(self) -> tuple[float, FloatArray, FloatArray]:
         """``r'r``, ``J'r`` (k,) and ``J'J`` (k, k)."""
-        j, r = self.jacobian, self.residual
-        with np.errstate(over="ignore", invalid="ignore"):
-            return float(r @ r), j.T @ r, gram(j)
+        return normal_equations(self.jacobian, self.residual)
 
     @lazy
     def root(self) -> FloatArray:

@@ -27,10 +27,17 @@ class Ending(Enum):
 @final
 @dataclass(frozen=True)
 class Outcome:
-    """How it ended, as a word and as a sentence that names the remedy."""
+    """How it ended, as a word and as a sentence that names the remedy.
+
+    Attributes:
+        ending: the word.
+        sentence: the sentence.
+        far: error over the noise in its highest frequencies, where that is more than ten; else 0.
+    """
 
     ending: Ending
     sentence: str
+    far: float = 0.0
 
     @property
     def success(self) -> bool:

@@ -19,7 +19,7 @@ from piezo_opt.effects.base import Effect, Parameter, Place
 from piezo_opt.identification.periodic import period
 from piezo_opt.identification.unknowns import limits
 from piezo_opt.measurement import Measurement
-from piezo_opt.measurement.spectra import densities, density, frequencies, without_line
+from piezo_opt.measurement.spectra import density, frequencies
 
 FloatArray = NDArray[np.float64]
 
@@ -161,25 +161,13 @@ def resonances(record: Measurement, residual: FloatArray, *, broad: bool = False
         broad: whether also the residual's broadest rise over its surroundings is one. Noise is
             highest where nothing rings, and a loop's harmonics are as narrow as tones.
     """
-    y, u, v, step = record.position, record.drive, residual, record.step
-    if not record.uniform:
-        grid = np.linspace(record.time[0], record.time[-1], len(record))
-        y, u, v = (np.interp(grid, record.time, s) for s in (y, u, v))
-        step = record.duration / (len(record) - 1)
+    step = record.step if record.uniform else record.duration / (len(record) - 1)
     found: list[float] = []
-    n = y.size
-    if n >= 64:
-        length = min(n, max(64, n // 4))
-        rate, u, y = 1.0 / step, without_line(u), without_line(y)
-        f = frequencies(length, rate)
-        power, cross, spectrum = densities(u, y, rate=rate, length=length)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            coherence = np.abs(cross) ** 2 / (power * spectrum)
-            response = np.where(
-                (coherence > 0.5) & (power > 1e-8 * power.max()), np.abs(cross) / power, 0.0
-            )
-        found += _peaks(f, np.nan_to_num(response), 2)
-        length = min(n - 1, length)
+    f, response = record.response
+    if f.size:
+        found += _peaks(f, response, 2)
+        rate, v = 1.0 / step, record.evenly(residual)
+        length = min(len(record) - 1, max(64, len(record) // 4))
         f2, left = frequencies(length, rate), density(np.diff(v), rate=rate, length=length)
         found += _peaks(f2, left, 2)
         if broad:

@@ -257,7 +257,9 @@ def _at_bound(unknown: Unknowns, theta: FloatArray, gradient: FloatArray) -> tup
 
 def _outcome(solution: Solution, fit: Fit) -> Outcome:
     """The sentence of how it ended, with the remedy."""
+    times = 0.0
     if solution.ending is Ending.CONVERGED:
+        times = far_above(fit)
         sentence = (
             f"Converged after {max(0, fit.trace.rms.size - 1)} iterations: rms "
             f"{show(fit.rms, 'm')}, fit {fit.fit_percent:.1f} %."
@@ -267,7 +269,7 @@ def _outcome(solution: Solution, fit: Fit) -> Outcome:
                 " It explains nothing of the reading: a constant does as well. Look at the record "
                 "(piezo-opt check) before its values are used."
             )
-        elif times := far_above(fit):
+        elif times:
             sentence += (
                 f" That is {times:.0f} times the noise in its highest frequencies: the model lacks "
                 "something (a diagnosis names it), or this is a wrong minimum (starts=20)."
@@ -284,7 +286,7 @@ def _outcome(solution: Solution, fit: Fit) -> Outcome:
         )
     else:
         sentence = solution.sentence
-    return Outcome(solution.ending, sentence)
+    return Outcome(solution.ending, sentence, times)
 
 
 def _remarks(question: Identification, fit: Fit) -> tuple[str, ...]:

@@ -425,12 +425,7 @@ class _Search:
         step = np.zeros(theta.size)
         linear = self._linear(unknown, extra)
         _, slope, bend = point.normal
-        # A touch of ridge keeps directions that the record cannot see where they are.
-        norms = np.sqrt(bend[linear, linear])
-        norms[norms == 0.0] = 1.0
-        normal = bend[linear[:, None], linear] / (norms[:, None] * norms)
-        normal.flat[:: linear.size + 1] += 1e-6
-        step[linear] = np.linalg.solve(normal, -slope[linear] / norms) / norms
+        step[linear] = _linear_step(bend[linear[:, None], linear], slope[linear])
         if worst < np.inf:
             foreseen = objective.cost(point.residual + point.jacobian @ step)
             if min(cost, foreseen) >= worst:
@@ -481,6 +476,18 @@ class _Search:
         objective, unknown = self._ready(start)
         reading = objective.readings(theta_of(unknown, start))[0]
         return np.asarray(self.question.campaign.records[0].position - reading)
+
+
+def _linear_step(bend: FloatArray, slope: FloatArray) -> FloatArray:
+    """The step to the minimum of a quadratic with this matrix (k, k) and gradient (k,).
+
+    A touch of ridge keeps directions that the record cannot see where they are.
+    """
+    norms = np.sqrt(np.diag(bend))
+    norms = np.where(norms == 0.0, 1.0, norms)
+    normal = bend / (norms[:, None] * norms)
+    normal.flat[:: slope.size + 1] += 1e-6
+    return np.asarray(np.linalg.solve(normal, -slope / norms) / norms)
 
 
 def _scan_widths(

@@ -41,7 +41,7 @@ def far_above(fit: Fit) -> float:
 
 def doubtful(fit: Fit) -> bool:
     """Whether other starts are worth a trial: far above the noise, or at a bound."""
-    return bool(fit.at_bound) or far_above(fit) > 0.0
+    return bool(fit.at_bound) or fit.outcome.far > 0.0
 
 
 def explains_nothing(fit: Fit) -> bool:

@@ -33,6 +33,12 @@ def gram(j: FloatArray) -> FloatArray:
     return total
 
 
+def normal_equations(j: FloatArray, r: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    """``r'r``, ``J'r`` (k,) and ``J'J`` (k, k); not finite where the squares are not."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(r @ r), j.T @ r, gram(j)
+
+
 def triangle(j: FloatArray) -> FloatArray:
     """The triangular factor R of ``J = Q R`` (M, k), up to signs of its rows (tall-skinny QR).
 

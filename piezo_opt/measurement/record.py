@@ -28,7 +28,11 @@ from piezo_opt.measurement.outliers import outlier_remarks
 from piezo_opt.measurement.periods import by_period, noise_between, repetition, whole_periods
 from piezo_opt.measurement.resampling import resampling
 from piezo_opt.measurement.resolution import resolution
+from piezo_opt.measurement.spectra import densities, frequencies, without_line
 from piezo_opt.units import quantity, show
+
+_SPECTRAL = 64
+"""Samples from which a spectrum says something."""
 
 
 @final
@@ -179,6 +183,31 @@ class Measurement:
         away = drive - middle
         slope = float(away @ position) / (float(away @ away) or 1.0)
         return slope, height - slope * middle
+
+    @cached_property
+    def response(self) -> tuple[FloatArray, FloatArray]:
+        """Frequencies [Hz], and size of the answer to the drive where it follows from it.
+
+        ``|S_uy| / S_uu`` over four stretches that overlap by half; 0 where the coherence is below
+        a half or the drive has next to no power. On an even grid, of 64 samples or more; shorter
+        records have none.
+        """
+        if len(self) < _SPECTRAL:
+            return np.zeros(0), np.zeros(0)
+        rate, length = (len(self) - 1) / self.duration, max(_SPECTRAL, len(self) // 4)
+        u, y = (without_line(self.evenly(one)) for one in (self.drive, self.position))
+        power, cross, spectrum = densities(u, y, rate=rate, length=length)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            coherence = np.abs(cross) ** 2 / (power * spectrum)
+            follows = (coherence > 0.5) & (power > 1e-8 * power.max())
+            size = np.where(follows, np.abs(cross) / power, 0.0)
+        return frequencies(length, rate), np.nan_to_num(size)
+
+    def evenly(self, values: FloatArray) -> FloatArray:
+        """A signal (N,) on as many even instants, by straight lines where they are not even."""
+        if self.uniform:
+            return values
+        return np.interp(np.linspace(self.time[0], self.time[-1], len(self)), self.time, values)
 
     @cached_property
     def falls(self) -> bool:

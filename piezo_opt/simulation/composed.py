@@ -402,8 +402,21 @@ class ComposedEngine:
         self, segment: Segment, parameters: FloatArray, deviation: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """States (n,) and their sensitivities (n, k) at rest, plus a deviation (n,)."""
-        at = float(segment.time[0]), float(segment.drive[0]), segment.channels[0]
-        return self._program.start(at, parameters, deviation, self._begins)
+        return self._program.start(segment.begins, parameters, deviation, self._begins)
+
+    def from_rest(
+        self,
+        segment: Segment,
+        substeps: IntArray,
+        parameters: FloatArray,
+        deviation: FloatArray,
+        *,
+        states: bool = False,
+        ceiling: Ceiling | None = None,
+    ) -> Run:
+        """Simulate from :meth:`start`."""
+        x, s = self.start(segment, parameters, deviation)
+        return self._through(segment, substeps, parameters, x, s, states, ceiling)
 
     def run(
         self,
@@ -417,14 +430,23 @@ class ComposedEngine:
         ceiling: Ceiling | None = None,
     ) -> Run:
         """Simulate."""
-        count, (n, k), at_x = segment.readings, self._shape, self._parameters
-        at_s = at_x + n
-        numbers = np.empty(at_s + n * k)
-        x, s = numbers[at_x:at_s], numbers[at_s:].reshape(n, k)
-        numbers[:at_x] = checked(parameters, at_x)
-        x[:] = checked(start, n)
-        s[:] = checked(start_sensitivities, n, k)
-        here = numbers.ctypes.data
+        x = np.array(checked(start, self._shape[0]), dtype=float)
+        s = np.array(checked(start_sensitivities, *self._shape), dtype=float, order="C")
+        return self._through(segment, substeps, parameters, x, s, states, ceiling)
+
+    def _through(
+        self,
+        segment: Segment,
+        substeps: IntArray,
+        parameters: FloatArray,
+        x: FloatArray,
+        s: FloatArray,
+        states: bool,
+        ceiling: Ceiling | None,
+    ) -> Run:
+        """Simulate from a state and its sensitivities, which become those at the end."""
+        count, (n, k) = segment.readings, self._shape
+        p = np.ascontiguousarray(checked(parameters, self._parameters), dtype=float)
         cut = np.ascontiguousarray(checked(substeps, segment.length.size), dtype=np.int32)
         y, j = np.full(count, np.nan), np.empty((count, k))
         xs = np.empty((count, n)) if states else None
@@ -435,7 +457,7 @@ class ComposedEngine:
         along = Addresses.from_buffer_copy(segment.addresses)
         along.substeps = cut.ctypes.data
         wanted = _Wanted(
-            here, *self._where, k, here + 8 * at_x, here + 8 * at_s, y.ctypes.data,
+            p.ctypes.data, *self._where, k, x.ctypes.data, s.ctypes.data, y.ctypes.data,
             j.ctypes.data, None if xs is None else xs.ctypes.data,
             None if measured is None else measured.ctypes.data, most,
             None if code is None else code.address,

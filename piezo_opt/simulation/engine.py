@@ -38,6 +38,18 @@ class Engine(Protocol):
     ) -> tuple[FloatArray, FloatArray]:
         """States (n,) and their sensitivities (n, k) at rest, plus a deviation (n,)."""
 
+    def from_rest(
+        self,
+        segment: Segment,
+        substeps: IntArray,
+        parameters: FloatArray,
+        deviation: FloatArray,
+        *,
+        states: bool = False,
+        ceiling: Ceiling | None = None,
+    ) -> Run:
+        """:meth:`run` from what :meth:`start` returns."""
+
     def run(
         self,
         segment: Segment,
@@ -108,6 +120,20 @@ class VirtualMachine:
         given = (parameters, segment.time[0], segment.drive[0], segment.channels[0], deviation)
         x, s = (np.array(out, dtype=float).ravel() for out in self._scheme.start(*given))
         return x, _unpack(self._scheme, s, x.size)
+
+    def from_rest(
+        self,
+        segment: Segment,
+        substeps: IntArray,
+        parameters: FloatArray,
+        deviation: FloatArray,
+        *,
+        states: bool = False,
+        ceiling: Ceiling | None = None,
+    ) -> Run:
+        """Simulate from :meth:`start`."""
+        begun = self.start(segment, parameters, deviation)
+        return self.run(segment, substeps, parameters, *begun, states=states, ceiling=ceiling)
 
     def run(
         self,

@@ -65,6 +65,11 @@ class Segment:
     """How far the measured motion goes in each segment, there and back [m]."""
 
     @lazy
+    def begins(self) -> tuple[float, float, FloatArray]:
+        """Time [s], drive [V] and channels (c,) at the start."""
+        return float(self.time[0]), float(self.drive[0]), self.channels[0]
+
+    @lazy
     def readings(self) -> int:
         """Number of readings taken."""
         return int((self.reading >= 0).sum())

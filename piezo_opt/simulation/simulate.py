@@ -228,8 +228,9 @@ class Simulator:
         runner, substeps = self._sensitive, self.accuracy.substeps
         cut = self._cut(segment, substeps)
         if self.initial is Initial.REST:
-            start, slopes = runner.start(segment, p, self._deviation(values))
-            run = runner.run(segment, cut, p, start, slopes, ceiling=self._ceiling(most))
+            run = runner.from_rest(
+                segment, cut, p, self._deviation(values), ceiling=self._ceiling(most)
+            )
             return run.reading, run.sensitivities
         # x0 = x(period; x0, p), hence (1 - dx/dx0) dx0/dp = dx/dp; the reading follows x0.
         start, once = self._periodic(p, substeps), self._once
@@ -252,16 +253,15 @@ class Simulator:
         states: bool = False,
         most: float | None = None,
     ) -> Run:
-        segment, p = self.segment(values), self._parameters(values)
-        if self.initial is Initial.PERIODIC:
-            start = self._periodic(p, substeps)
-        else:
-            start, _ = self._plain.start(segment, p, self._deviation(values))
-        nothing = np.zeros((start.size, 0))
+        segment, p, ceiling = self.segment(values), self._parameters(values), self._ceiling(most)
         cut = self._cut(segment, substeps) if cut is None else cut
-        return self._plain.run(
-            segment, cut, p, start, nothing, states=states, ceiling=self._ceiling(most)
-        )
+        if self.initial is Initial.REST:
+            return self._plain.from_rest(
+                segment, cut, p, self._deviation(values), states=states, ceiling=ceiling
+            )
+        start = self._periodic(p, substeps)
+        nothing = np.zeros((start.size, 0))
+        return self._plain.run(segment, cut, p, start, nothing, states=states, ceiling=ceiling)
 
     def _ceiling(self, most: float | None) -> Ceiling | None:
         return None if most is None else Ceiling(self._measured, most)

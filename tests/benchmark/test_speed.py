@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -49,6 +51,26 @@ def test_time_is_linear_in_samples_and_a_model_begins_soon(found: Speed) -> None
     assert found.fit_ms > 0.0
     assert found.fit_simulations > 20.0
     assert found.peak_mb > 50.0
+
+
+def test_the_shares_of_a_fit_are_those_of_its_parts(found: Speed) -> None:
+    """The loop runs at least as often as there are simulations with derivatives in a search."""
+    assert 0.1 < found.fit_core < 0.8
+    assert 0.02 < found.fit_algebra < 0.5
+    assert found.fit_core + found.fit_algebra < 1.0
+    begun = []
+
+    def part() -> None:
+        begun.append(True)
+        time.sleep(0.02)
+
+    places = SimpleNamespace(part=part)
+    with speed._watched((places, "part")) as spent:
+        places.part()
+        part()  # not by its place
+    assert 0.02 <= spent[0] < 0.04 * 10
+    assert places.part is part
+    assert len(begun) == 2
 
 
 def test_a_loop_that_computes_something_else_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
