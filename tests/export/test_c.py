@@ -74,7 +74,7 @@ def record(name: str = "record", **channels: FloatArray) -> Measurement:
 def written(folder: Path, model: Model, values: dict[str, float], precision: Precision) -> Any:
     """The code of a model with given sub-steps, without a check."""
     what = given(model, values)
-    ready = plan(what, system_of(what), "actuator", SUBSTEPS)
+    ready = plan(what, system_of(what), "actuator", SUBSTEPS, 1.0 / 20e3)
     header, source = text(ready, precision)
     folder.mkdir(exist_ok=True)
     (folder / "actuator.c").write_text(source)
@@ -91,10 +91,6 @@ def test_every_effect_reads_as_in_the_library(
     cc = compiler("gcc")
     monkeypatch.setenv("PIEZO_OPT_CC", "")  # the library's other engine, which compiles nothing
     model, values = modelled(form)
-    if "delay" in model:
-        with pytest.raises(ModelError, match=r"delay\.T"):
-            written(tmp_path, model, values, DOUBLE)
-        return
     for precision in (DOUBLE, FLOAT):
         what, ready = written(tmp_path, model, values, precision)
         if precision is FLOAT and form not in KINDS:
@@ -106,6 +102,32 @@ def test_every_effect_reads_as_in_the_library(
         assert found.share < (1e-13 if precision is DOUBLE else 3e-6)
     asked = undefined_of_float(tmp_path / "actuator.c")
     assert asked <= {*"fabsf ceilf expf logf log1pf expm1f sqrtf sinf cosf tanhf".split()}  # noqa: SIM905
+
+
+@pytest.mark.parametrize("late", [0.0, 0.2e-3, 1e-3, 3.7e-3])
+def test_a_delay_of_any_length_is_the_librarys(late: float, tmp_path: Path) -> None:
+    """Shorter than a sample, whole samples, and between; with a channel, which is not delayed."""
+    compiler("gcc")
+    model = FOUR + Delay() + Temperature()
+    values = {**VALUES, "delay.T": late, "temperature.a": 2e-9}
+    if not late:
+        model = model.without("delay")
+        values.pop("delay.T")
+    warm = record(temperature=293.15 + 20.0 * np.sin(TIME))
+    made = export_c(model, tmp_path / "out", values=values, replay=warm)
+    assert made.replay is not None
+    assert made.replay.share < 1e-13
+    single = export_c(model, tmp_path / "float", values=values, replay=warm, precision="float")
+    assert single.replay is not None
+    assert single.replay.share < 5e-6
+    header = (tmp_path / "out/actuator.h").read_text()
+    lines = 2 + int(np.ceil(late / made_step()))
+    assert ("ACTUATOR_LINES" in header) == (late > 0.0)
+    assert not late or f"#define ACTUATOR_LINES {lines}\n" in header
+
+
+def made_step() -> float:
+    return float(TIME[1] - TIME[0])
 
 
 def test_the_test_of_floats_sees_a_double(tmp_path: Path) -> None:
@@ -261,8 +283,6 @@ def test_bad_input_gets_a_sentence(tmp_path: Path) -> None:
             export_c(FOUR, tmp_path / "out", **options)
     with pytest.raises(InputError, match="'temperature' and the record has none"):
         export_c(hot, tmp_path / "out", values={"temperature.a": 1e-9}, replay=record())
-    with pytest.raises(ModelError, match=r"without it and delay the drive"):
-        export_c(FOUR + Delay(), tmp_path / "out", values={"delay.T": 1e-3}, step="1 ms")
     assert list(tmp_path.iterdir()) == [there]
 
 

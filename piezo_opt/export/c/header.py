@@ -36,6 +36,21 @@ def header(pen: Pen) -> str:
             f"}} {n}_derived;",
             "",
         ]
+    if plan.delay is not None:
+        out += [
+            "/* Lines of the input that wait for the delay: more, for a longer delay or a shorter",
+            "   interval. When there are too many the two oldest ones become one. */",
+            f"#ifndef {n.upper()}_LINES",
+            f"#define {n.upper()}_LINES {plan.corners}",
+            "#endif",
+            "",
+            "typedef struct {",
+            field(f"{real} length;", "what is left of it [s]"),
+            field(f"{real} rate;", f"of the input [{pen.drive_unit}/s]"),
+            field(f"{real} end;", f"its end [{pen.drive_unit}]"),
+            f"}} {n}_line;",
+            "",
+        ]
     out += ["typedef struct {"]
     if plan.parameters:
         out += [f"    {n}_parameters parameters;"]
@@ -45,7 +60,8 @@ def header(pen: Pen) -> str:
         out += [f"    {n}_states states;"]
     if pen.compensated:
         out += [field(f"{n}_rates lost;", "what rounding took from the states")]
-    members = [(f"{real} {plan.input};", f"at the end of the last step [{pen.drive_unit}]")]
+    now = "where the actuator is" if plan.delay is not None else "at the end of the last step"
+    members = [(f"{real} {plan.input};", f"{now} [{pen.drive_unit}]")]
     members += [(f"{real} {plan.input}_rate;", f"during it [{pen.drive_unit}/s]")]
     for channel in plan.channels:
         members += [(f"{real} {channel};", "further input, SI unit")]
@@ -57,6 +73,10 @@ def header(pen: Pen) -> str:
     if plan.flowing or plan.jumps:
         members += [(f"{real} longest_substep;", "[s]")]
         members += [(f"{real} largest_move;", f"of the input in a sub-step [{pen.drive_unit}]")]
+    if plan.delay is not None:
+        members += [(f"{real} last_{plan.input};", f"that was given [{pen.drive_unit}]")]
+        members += [(f"{n}_line lines[{n.upper()}_LINES];", "a ring")]
+        members += [("int oldest;", "line in it"), ("int waiting;", "how many wait")]
     out += [field(code, words) for code, words in members]
     out += [f"}} {n};", ""]
     inputs = pen.inputs()

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Final, final
 
 import casadi as ca
+import numpy as np
 
 from piezo_opt.assembly import System, assemble, folded
 from piezo_opt.effects.base import Place
@@ -49,6 +50,8 @@ class Plan:
         jumps: nodes of the states after a sub-step; None where none jumps.
         names: names of the chain's signals, by node.
         derived: what only parameters decide and is costly: name and node.
+        delay: node of the time by which the chain lags the command; None without a delay.
+        corners: of the command that wait at most, in a chain with a delay.
     """
 
     given: Given
@@ -62,6 +65,8 @@ class Plan:
     jumps: tuple[int, ...] | None
     names: Mapping[int, str]
     derived: Mapping[str, int]
+    delay: int | None = None
+    corners: int = 0
 
     @cached_property
     def parameters(self) -> list[naming.Field]:
@@ -111,26 +116,41 @@ def input_name(system: System) -> str:
     return "command" if system.model.at(Place.INPUT) else "drive"
 
 
-def system_of(given: Given) -> System:
+def system_of(given: Given, *, delays: bool = True) -> System:
     """The system of what is exported; its values stand for what the model declares fixed.
 
+    Args:
+        given: model and values.
+        delays: whether what is written can keep the past of the drive.
+
     Raises:
-        ModelError: the model holds what exported code cannot say.
+        ModelError: the model has a delay, and there is no place for it.
     """
     constants = {name: given.values[name] for name in folded(given.model)}
     system = assemble(given.model, constants)
-    if system.delay is not None:
+    if system.delay is not None and not delays:
         late = next(n for n, e in given.model if e.name == "delay")
         raise ModelError(
-            f"{late}: exported code answers at once and keeps no past of the drive: export the "
-            f"model without it and delay the drive in your program, by {late}.T."
+            f"{late}: a unit is called at steps that nobody knows before, and a past of fixed "
+            f"size may be too short: export the model without it and delay the drive in your "
+            f"tool, by {late}.T; export c keeps it."
         )
     return system
 
 
 @one_at_a_time
-def plan(given: Given, system: System, prefix: str, substeps: Substeps) -> Plan:
-    """The equations of a system as a graph, with names for what a reader looks for."""
+def plan(
+    given: Given, system: System, prefix: str, substeps: Substeps, every: float
+) -> Plan:  # fmt: skip
+    """The equations of a system as a graph, with names for what a reader looks for.
+
+    Args:
+        given: model and values.
+        system: assembled from it.
+        prefix: of every symbol.
+        substeps: how an interval is cut.
+        every: interval between two calls [s], which decides how much of the past is kept.
+    """
     u = input_name(system)
     own = naming.channels(system)
     sizes = (1, len(system.state_names), 1, 1, len(own), len(own), len(system.parameter_names))
@@ -154,8 +174,16 @@ def plan(given: Given, system: System, prefix: str, substeps: Substeps) -> Plan:
     ]
     if system.becomes is not None:
         outputs.append(system.becomes(time, x, drive, slope, c, p))
+    late, corners = [], 0
+    if system.delay is not None:
+        late = [system.delay(p)]
+        numbers = [given.values[name] for name in system.parameter_names]
+        # What is left of the oldest line, whole ones, and the one that is new.
+        corners = int(np.ceil(float(system.delay(numbers)) / every)) + 2
+        outputs = [*outputs[:4], *late, *outputs[4:]]
     graph = Graph()
     signals, rates, reading, start, *jumps = graph.take(instant, leaves, outputs)
+    delay = jumps.pop(0)[0] if late else None
     names: dict[int, str] = {}
     for name, k in zip(_SIGNALS, signals, strict=True):
         if name and graph.nodes[k].kind not in (LEAF, NUMBER):
@@ -165,7 +193,7 @@ def plan(given: Given, system: System, prefix: str, substeps: Substeps) -> Plan:
     names = {k: name for k, name in names.items() if k in needed}
     return Plan(
         given, system, prefix, substeps, graph, tuple(rates), reading[0], tuple(start),
-        tuple(jumps[0]) if jumps else None, names, _derived(graph, ends, given),
+        tuple(jumps[0]) if jumps else None, names, _derived(graph, ends, given), delay, corners,
     )  # fmt: skip
 
 

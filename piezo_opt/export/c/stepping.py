@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Final
-
+from piezo_opt.export.c.cutting import cut
+from piezo_opt.export.c.delayed import delayed_step
 from piezo_opt.export.c.equations import arguments
 from piezo_opt.export.c.pen import Pen, braced
 from piezo_opt.export.c.printer import wrapped
-
-_SLACK: Final = {"double": 1e-6, "float": 1e-4}
-"""What rounding of time stamps may add to a number of sub-steps without adding one."""
-_MOST: Final = 1e6
-"""Sub-steps of one interval at most, so that a slip does not hang the program."""
 
 
 def adder(pen: Pen) -> list[str]:
@@ -94,6 +89,8 @@ def start(pen: Pen) -> list[str]:
     lines: list[str] = []
     for one in (plan.input, *plan.channels):
         lines += [f"a->{one} = {one};", f"a->{one}_rate = {zero};"]
+    if plan.delay is not None:
+        lines += [f"{n}_still(a, {plan.input});"]
     if plan.timed:
         lines += [f"a->time = {zero};"]
         if pen.timed_lost:
@@ -143,20 +140,12 @@ def init(pen: Pen) -> list[str]:
 def step(pen: Pen) -> list[str]:
     """An interval between two calls, cut into sub-steps."""
     plan, n, real = pen.plan, pen.name, pen.real
-    one, slack = pen.number(1.0), pen.number(_SLACK[real])
+    if plan.delay is not None:
+        return delayed_step(pen)
     inputs = (plan.input, *plan.channels)
     lines = [f"if (!(interval > {pen.number(0.0)})) return {n}_output(a);"]
     if plan.flowing or plan.jumps:
-        size, up = pen.call("fabs"), pen.call("ceil")
-        lines += [
-            f"const {real} by_time = interval / a->longest_substep;",
-            f"const {real} by_move = {size}({plan.input} - a->{plan.input}) / a->largest_move;",
-            f"const {real} wanted = {up}((by_time > by_move ? by_time : by_move) - {slack});",
-            f"const long most = {int(_MOST)};",
-            f"const long count = !(wanted > {one}) ? 1 : "
-            f"wanted > ({real})most ? most : (long)wanted;",
-            f"const {real} h = interval / ({real})count;",
-        ]
+        lines += cut(pen, "interval", f"{plan.input} - a->{plan.input}")
     lines += [f"a->{one}_rate = ({one} - a->{one}) / interval;" for one in inputs]
     if plan.flowing or plan.jumps:
         lines += [f"for (long i = 0; i < count; ++i) {n}_substep(a, h);"]

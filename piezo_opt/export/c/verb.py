@@ -118,12 +118,13 @@ def planned(
     name: str,
     substeps: int | None,
     drive: tuple[float, float] | None,
+    delays: bool = True,
 ) -> tuple[Plan, Accuracy, Measurement]:
     """The equations with their sub-steps, and the record on which they were chosen."""
     naming.prefix(name)
     known = replayed or what.record
     every = interval(step, known, what.sampling)
-    system = system_of(what)
+    system = system_of(what, delays=delays)
     if known is None:
         low, high = drive or (what.sampling[1:] if what.sampling else _RANGE)
         if not low < high:
@@ -132,7 +133,7 @@ def planned(
         known = trial(every, low, high, nominal)
     record = on(known, what.model)
     accuracy = cut(what.model, what.values, record, every, substeps)
-    return plan(what, system, name, accuracy.substeps), accuracy, record
+    return plan(what, system, name, accuracy.substeps, every), accuracy, record
 
 
 def write_c(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from piezo_opt.export.c.delayed import late
 from piezo_opt.export.c.equations import jump, output, prepare, rates
 from piezo_opt.export.c.header import header
 from piezo_opt.export.c.lacking import lacking
@@ -14,7 +15,7 @@ from piezo_opt.export.c.stepping import adder, init, start, step, substep
 def source(pen: Pen) -> str:
     """The .c: the equations, the sub-step, and what a program calls."""
     parts = [output(pen), rates(pen), jump(pen), adder(pen), substep(pen), prepare(pen)]
-    parts += [start(pen), init(pen), step(pen)]
+    parts += [*late(pen), start(pen), init(pen), step(pen)]
     body = [line for part in parts if part for line in (*part, "")]
     head = [*pen.title(), f'#include "{pen.name}.h"', ""]
     if pen.called - {"fabs", "sign", "smaller", "larger"} or "fabs" in pen.called:

@@ -119,7 +119,13 @@ def export_fmu(
         what = given(source, values)
         every = interval(step, record or what.record, what.sampling)
         ready, accuracy, _ = planned(
-            what, step=every, replayed=record, name=name, substeps=None, drive=drive
+            what,
+            step=every,
+            replayed=record,
+            name=name,
+            substeps=None,
+            drive=drive,
+            delays=False,
         )
         if exchange and ready.jumps is not None:
             raise ModelError(

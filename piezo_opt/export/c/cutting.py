@@ -1,0 +1,27 @@
+"""How a stretch of time is cut into sub-steps."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from piezo_opt.export.c.pen import Pen
+
+_SLACK: Final = {"double": 1e-6, "float": 1e-4}
+"""What rounding of time stamps may add to a number of sub-steps without adding one."""
+_MOST: Final = 1e6
+"""Sub-steps of one interval at most, so that a slip does not hang the program."""
+
+
+def cut(pen: Pen, length: str, moved: str) -> list[str]:
+    """The number of sub-steps of a stretch, and their length h."""
+    real = pen.real
+    one, slack = pen.number(1.0), pen.number(_SLACK[real])
+    size, up = pen.call("fabs"), pen.call("ceil")
+    return [
+        f"const {real} by_time = {length} / a->longest_substep;",
+        f"const {real} by_move = {size}({moved}) / a->largest_move;",
+        f"const {real} wanted = {up}((by_time > by_move ? by_time : by_move) - {slack});",
+        f"const long most = {int(_MOST)};",
+        f"const long count = !(wanted > {one}) ? 1 : wanted > ({real})most ? most : (long)wanted;",
+        f"const {real} h = {length} / ({real})count;",
+    ]
