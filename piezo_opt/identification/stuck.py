@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezo_opt.identification.result import Fit
+from piezo_opt.measurement.spectra import hann
 
 _FEWEST = 64
 """Samples from which a spectrum has an upper half to speak of."""
@@ -27,7 +28,7 @@ def noise_of(fit: Fit) -> float:
     left = (record.position - fit.readings[0])[record.counted]
     if left.size < _FEWEST:
         return float("nan")
-    window = np.hanning(left.size)
+    window = hann(left.size)
     spectrum = np.fft.rfft(window * left)
     upper = np.abs(spectrum[spectrum.size // 2 :]) ** 2
     return float(np.sqrt(np.median(upper) / (np.log(2.0) * float(window @ window))))

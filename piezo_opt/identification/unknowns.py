@@ -104,7 +104,7 @@ class Unknowns:
 
     def clip(self, theta: FloatArray) -> FloatArray:
         """The nearest point within the bounds."""
-        return np.clip(theta, self.low, self.high)
+        return np.minimum(np.maximum(theta, self.low), self.high)
 
 
 def _kept(numbers: list[float]) -> FloatArray:

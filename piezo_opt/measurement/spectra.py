@@ -6,6 +6,8 @@ fit asks of it, and their tests compare them with it.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from piezo_opt.measurement.arrays import ComplexArray, FloatArray
@@ -63,17 +65,21 @@ def _stretches(values: FloatArray, length: int) -> ComplexArray:
     """(K, length // 2 + 1) spectra of the stretches, each less its mean and under its window."""
     length = min(length, values.size)
     every = np.lib.stride_tricks.sliding_window_view(values, length)[:: length - length // 2]
-    return np.fft.rfft(_window(length) * (every - every.mean(axis=1, keepdims=True)))
+    return np.fft.rfft(hann(length) * (every - every.mean(axis=1, keepdims=True)))
 
 
-def _window(length: int) -> FloatArray:
-    return np.asarray(0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length))
+@lru_cache(maxsize=4)
+def hann(length: int) -> FloatArray:
+    """(length,) Hann window of a stretch that is repeated."""
+    window = np.asarray(0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length))
+    window.flags.writeable = False
+    return window
 
 
 def _share(size: int, rate: float, length: int) -> FloatArray:
     """(length // 2 + 1,) what sums over the stretches of so many samples are multiplied by."""
     length = min(length, size)
     stretches = 1 + (size - length) // (length - length // 2)
-    share = np.full(length // 2 + 1, 1.0 / (stretches * rate * float(np.sum(_window(length) ** 2))))
+    share = np.full(length // 2 + 1, 1.0 / (stretches * rate * float(hann(length) @ hann(length))))
     share[1 : (length + 1) // 2] *= 2.0
     return share

@@ -179,6 +179,8 @@ class Simulator:
         start, _ = self._plain.start(segment, p, self._deviation(values))
 
         def simulate(substeps: Substeps, cut: IntArray) -> FloatArray:
+            if substeps.times == 1:  # which may be the one that is chosen
+                self._cut_of = (segment, substeps, cut)
             return self._run(values, substeps, cut=cut).reading
 
         limit = {} if most is None else {"most": most}

@@ -23,6 +23,8 @@ _SMALL = 1e-3
 """Share of its size below which an unknown is stepped straight: zero has no logarithm."""
 _FAR = 1.5
 """Longest step of a logarithm."""
+_NEAREST, _FARTHEST = float(np.expm1(-_FAR)), float(np.expm1(_FAR))
+"""The same as a share of where it begins, down and up."""
 _GROWTH = 4.0
 """Factor by which the damping grows at a refused step, three times as much at each further one:
 a step refused lightly damped is refused by orders of magnitude."""
@@ -176,10 +178,8 @@ def _reach(
     """
     gap = np.stack([low, high]) - theta
     way = np.where(np.abs(gap) > 1e-4 * size, 0.9 * gap, gap) / scale
-    if not straight.all():
-        with np.errstate(invalid="ignore", divide="ignore"):
-            logarithm = np.log1p(np.maximum(way, -1.0))
-        way = np.where(straight, way, np.clip(logarithm, -_FAR, _FAR))
+    logarithm = np.log1p(np.minimum(np.maximum(way, _NEAREST), _FARTHEST))
+    way = np.where(straight, way, logarithm)
     return way[0], way[1]
 
 
