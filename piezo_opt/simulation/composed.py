@@ -25,6 +25,7 @@ from piezo_opt.simulation.library import (
     catalogue,
     functions_of,
 )
+from piezo_opt.simulation.memory import give_back
 from piezo_opt.simulation.runs import Ceiling, Run
 from piezo_opt.simulation.schedule import Addresses, Segment
 from piezo_opt.simulation.scheme import INITIAL
@@ -218,6 +219,7 @@ def _planned(
     library: Library,
     held: object,
 ) -> Program:
+    give_back()
     core = library.loaded
     nothing = _address(core, "po_nothing")
     rows: list[tuple[int, ...]] = []
