@@ -94,9 +94,9 @@ class Unknowns:
         return numbers
 
     @lazy
-    def _kept_of_records(self) -> tuple[Values, ...]:
+    def _kept_of_records(self) -> tuple[dict[str, float], ...]:
         """What is kept, as each record's simulator needs it: asked for at every simulation."""
-        return tuple(self.kept.of_record(index) for index in range(self.records))
+        return tuple(dict(self.kept.of_record(index)) for index in range(self.records))
 
     def columns(self, index: int) -> list[int]:
         """Positions of the unknowns that one record depends on."""
