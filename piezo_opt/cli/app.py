@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import tempfile
 import traceback
@@ -76,7 +77,7 @@ class _OneSentence(TyperGroup):
         try:
             return super().invoke(ctx)
         except PiezoOptError as error:
-            typer.echo(" ".join(str(error).split()), err=True)
+            typer.echo(_in_options(" ".join(str(error).split())), err=True)
             raise typer.Exit(BAD_INPUT) from None
         except MemoryError:
             typer.echo("There is not enough memory: cut the record or thin it.", err=True)
@@ -89,6 +90,18 @@ class _OneSentence(TyperGroup):
         except Exception as error:
             typer.echo(_to_send(error), err=True)
             raise typer.Exit(FAILED) from None
+
+
+_SAID_IN_PYTHON: Final = re.compile(
+    r"(?<![\w.(])(time|drive|position|record|between|period|startup|rate|trim|every|gain|scale"
+    r"|decimal)=(?=\S)"
+)
+"""Options of reading as Python writes them, and not inside of a call."""
+
+
+def _in_options(sentence: str) -> str:
+    """A remedy as the command takes it: ``rate='1 kHz'`` is ``--rate '1 kHz'`` in a shell."""
+    return _SAID_IN_PYTHON.sub(r"--\1 ", sentence)
 
 
 _ITS_OWN = (TyperException, typer.Exit, typer.Abort)

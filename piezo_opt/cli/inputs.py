@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Final, final
+from typing import Any, Final, final
 
 from piezo_opt.cli import options as o
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Identification, Start, default_model
 from piezo_opt.measurement import Campaign, Measurement
 from piezo_opt.modelfile import ModelFile, read_model
-from piezo_opt.readers import read, read_campaign
+from piezo_opt.readers import HOLD_SEVERAL, read, read_campaign
 
 DEFAULT = "default"
+ALL: Final = "all"
+"""Every record of a file, as ``--record`` takes it."""
 
 
 @final
@@ -42,27 +44,21 @@ class Reading:
 
     def single(self, path: Path) -> Measurement:
         """The one record of this file, or the one named; several are refused."""
-        return read(
-            path,
-            time=self.time,
-            drive=self.drive,
-            position=self.position,
-            record=self.record,
-            between=self.between,
-            period=self.period,
-            startup=self.startup,
-            rate=self.rate,
-            trim=self.trim,
-            every=self.every,
-            gain=self.gain,
-            scale=self.scale,
-            decimal=self.decimal,
-        )
+        if self.record == ALL:
+            raise InputError(f"{path}: --record {ALL} is several records, and one is asked for")
+        return read(path, record=self.record, **self._said)
 
     def _one(self, path: Path) -> Iterable[Measurement]:
-        if self == Reading():
-            return read_campaign(path)
+        # A file that holds several records as such needs no word; one with a clock that begins
+        # anew may also be one record with a wrong clock.
+        if self.record == ALL or (self == Reading() and path.suffix.lower() in HOLD_SEVERAL):
+            return read_campaign(path, **self._said)
         return (self.single(path),)
+
+    @property
+    def _said(self) -> dict[str, Any]:
+        """What readers are told, by their own names."""
+        return {one.name: getattr(self, one.name) for one in fields(self) if one.name != "record"}
 
 
 AS_WRITTEN: Final = Reading()

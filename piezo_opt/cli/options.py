@@ -12,10 +12,16 @@ from piezo_opt.identification import Start
 from piezo_opt.measurement import Between
 
 Records: TypeAlias = Annotated[
-    list[Path], typer.Argument(help="Record files: .csv, .h5 or .mat.", show_default=False)
+    list[Path],
+    typer.Argument(
+        help="Record files: text, .h5, .nc, .mat, .lvm, .tdms or .parquet.", show_default=False
+    ),
 ]
 Record: TypeAlias = Annotated[
-    Path, typer.Argument(help="Record file: .csv, .h5 or .mat.", show_default=False)
+    Path,
+    typer.Argument(
+        help="Record file: text, .h5, .nc, .mat, .lvm, .tdms or .parquet.", show_default=False
+    ),
 ]
 ModelPath: TypeAlias = Annotated[
     str,
@@ -38,7 +44,11 @@ Position: TypeAlias = Annotated[
 ]
 RecordName: TypeAlias = Annotated[
     str | None,
-    typer.Option("--record", metavar="NAME", help="Which of several records in an HDF5 file."),
+    typer.Option(
+        "--record",
+        metavar="NAME",
+        help="Which of several records in a file: its name or number, or 'all'.",
+    ),
 ]
 BetweenSamples: TypeAlias = Annotated[
     Between | None, typer.Option(help="How the drive moves between samples.")

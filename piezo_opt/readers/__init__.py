@@ -15,20 +15,21 @@ from piezo_opt.readers.columns import Table, by_number
 from piezo_opt.readers.csv import table_from_csv
 from piezo_opt.readers.csv_writing import write_csv
 from piezo_opt.readers.parquet import is_frame, table_from_frame
-from piezo_opt.readers.records import measurement_from
+from piezo_opt.readers.records import measurement_from, runs
 from piezo_opt.readers.wanted import Wanted, treated
 from piezo_opt.units import quantity
 
-__all__ = ["headers", "read", "read_campaign", "write"]
+__all__ = ["HOLD_SEVERAL", "headers", "read", "read_campaign", "write"]
 
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc")
-_HDF5 = (".h5", ".hdf5")
+HOLD_SEVERAL = (".h5", ".hdf5")
+"""Suffixes of files that hold several records as such."""
 _MATLAB = (".mat",)
 _NETCDF = (".nc", ".cdf")
 _LVM = (".lvm",)
 _TDMS = (".tdms",)
 _PARQUET = (".parquet", ".pq")
-_KNOWN = (*_TEXT, *_HDF5, *_MATLAB, *_NETCDF, *_LVM, *_TDMS, *_PARQUET)
+_KNOWN = (*_TEXT, *HOLD_SEVERAL, *_MATLAB, *_NETCDF, *_LVM, *_TDMS, *_PARQUET)
 
 
 def read(
@@ -61,7 +62,8 @@ def read(
             a unit become channels.
         between: how the drive moves between samples; by default what the file says, else linear.
         period, startup: [s] or a quantity such as ``"40 ms"``; by default what the file says.
-        record: which of several records in an HDF5 file.
+        record: which of several records in one file: its name in an HDF5 file, its number from 1
+            where the clock of a file begins anew.
         allow_saturated: accept a reading stuck at its end.
         rate: [Hz] or ``"1 kHz"``, of an even clock, for a file without one or with a wrong one;
             ``"even"`` for one between the ends of the column of time.
@@ -83,28 +85,60 @@ def read(
             raise InputError(f"frame: holds one record: drop record={record!r}")
         return measurement_from(table_from_frame(path), "frame", wanted)
     file = Path(path)
-    suffix = _suffix(file)
-    if suffix in _HDF5:
-        from piezo_opt.readers.hdf5 import campaign_from_hdf5
-
-        campaign = campaign_from_hdf5(file)
-        if campaign is not None:
-            return _adjusted(file, _one_of(file, campaign, record), wanted)
-    if record is not None:
+    stored = _stored(file)
+    if stored is not None:
+        return _adjusted(file, _one_of(file, stored, record), wanted)
+    table = _table(file, wanted)
+    if record is None:
+        return measurement_from(table, file.stem, wanted)
+    parts = runs(table, wanted)
+    if len(parts) == 1:
         raise InputError(f"{file}: holds one record, so record={record!r} means nothing: drop it")
-    return measurement_from(_table(file, suffix, wanted), file.stem, wanted)
+    if record not in map(str, range(1, len(parts) + 1)):
+        raise InputError(
+            f"{file}: holds {len(parts)} records, numbered from 1, and none of them is {record!r}; "
+            "take all of them with read_campaign"
+        )
+    return measurement_from(parts[int(record) - 1], f"{file.stem} {record}", wanted)
 
 
-def read_campaign(path: str | os.PathLike[str]) -> Campaign:
-    """All records of a file; a file with one record gives a campaign of one."""
+def read_campaign(
+    path: str | os.PathLike[str],
+    *,
+    time: str | None = None,
+    drive: str | None = None,
+    position: str | None = None,
+    between: Between | None = None,
+    period: float | str | None = None,
+    startup: float | str | None = None,
+    rate: float | str | None = None,
+    trim: str | None = None,
+    every: int = 1,
+    gain: float | str | None = None,
+    scale: float | str | None = None,
+    decimal: str | None = None,
+) -> Campaign:
+    """All records of a file: those of an HDF5 file, or the runs between which a clock begins anew.
+
+    A file with one record gives a campaign of one. The options are those of `read`, for each
+    record.
+
+    Raises:
+        InputError: one sentence with file, row or column, and what to do.
+    """
+    wanted = Wanted(
+        time, drive, position, between, period, startup, False,
+        rate, trim, every, gain, scale, decimal,
+    )  # fmt: skip
     file = Path(path)
-    if _suffix(file) in _HDF5:
-        from piezo_opt.readers.hdf5 import campaign_from_hdf5
-
-        campaign = campaign_from_hdf5(file)
-        if campaign is not None:
-            return campaign
-    return Campaign.of(read(file))
+    stored = _stored(file)
+    if stored is not None:
+        return Campaign(tuple(_adjusted(file, one, wanted) for one in stored))
+    parts = runs(_table(file, wanted), wanted)
+    names = [file.stem if len(parts) == 1 else f"{file.stem} {k + 1}" for k in range(len(parts))]
+    return Campaign(
+        tuple(measurement_from(part, name, wanted) for part, name in zip(parts, names, strict=True))
+    )
 
 
 def headers(path: str | os.PathLike[str]) -> tuple[str, ...]:
@@ -116,13 +150,9 @@ def headers(path: str | os.PathLike[str]) -> tuple[str, ...]:
         InputError: the file cannot be read.
     """
     file = Path(path)
-    suffix = _suffix(file)
-    if suffix in _HDF5:
-        from piezo_opt.readers.hdf5 import campaign_from_hdf5
-
-        if campaign_from_hdf5(file) is not None:
-            return ()
-    return tuple(c.header for c in _table(file, suffix, Wanted()).columns if c.values.size)
+    if _stored(file) is not None:
+        return ()
+    return tuple(c.header for c in _table(file, Wanted()).columns if c.values.size)
 
 
 def write(
@@ -138,7 +168,7 @@ def write(
     """
     file = Path(path)
     suffix = file.suffix.lower()
-    if suffix in _HDF5:
+    if suffix in HOLD_SEVERAL:
         from piezo_opt.readers.hdf5 import write_hdf5
 
         write_hdf5(records, file, overwrite=overwrite)
@@ -160,9 +190,19 @@ def _suffix(file: Path) -> str:
     return suffix
 
 
-def _table(file: Path, suffix: str, wanted: Wanted) -> Table:
+def _stored(file: Path) -> Campaign | None:
+    """The records of a file in the package's own layout; None for any other file."""
+    if _suffix(file) not in HOLD_SEVERAL:
+        return None
+    from piezo_opt.readers.hdf5 import campaign_from_hdf5
+
+    return campaign_from_hdf5(file)
+
+
+def _table(file: Path, wanted: Wanted) -> Table:
     """The columns of a file; what a format needs is loaded when a file of it is read."""
-    if suffix in _HDF5:
+    suffix = _suffix(file)
+    if suffix in HOLD_SEVERAL:
         from piezo_opt.readers.hdf5 import table_from_hdf5
 
         return table_from_hdf5(file)

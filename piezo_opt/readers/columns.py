@@ -73,6 +73,11 @@ class Role:
     example: str
     names: frozenset[str]
 
+    @property
+    def usual(self) -> str:
+        """The unit of the example."""
+        return parse_header(self.example)[1] or self.unit
+
 
 _LISTED: Final = 12
 TIME: Final = Role("time", "s", "time [s]", frozenset({"t", "time", "seconds", "zeit"}))
@@ -128,19 +133,32 @@ def choose(
     for column in table.columns:
         if column.values.size and column.name.strip().lower() in role.names:
             if column.unit is None:
-                raise InputError(
-                    f"{table.file}: column {column.header!r} has no unit: write it in the file, "
-                    f"or say {role.word}='{column.name} [{role.unit}]'"
-                )
+                raise InputError(f"{table.file}: {_without_unit(table)}")
             raise InputError(
                 f"{table.file}: column {column.header!r} is no {role.word}, its unit must "
                 f"measure what {role.unit} does: correct the unit, or name the column with "
                 f"{role.word}='...'"
             )
-    rate = ", or give the sampling rate, rate='1 kHz' (--rate '1 kHz')" if role is TIME else ""
+    rate = ", or give the sampling rate, rate='1 kHz'" if role is TIME else ""
     raise InputError(
         f"{table.file}: no column is the {role.word}: the columns are {table.listing()}; name "
         f"one like {role.example!r} or choose with {role.word}='...'{rate}"
+    )
+
+
+def _without_unit(table: Table) -> str:
+    """Every column whose name tells its role and whose unit nobody tells, with what to say."""
+    bare = [
+        (column.name, role)
+        for role in (TIME, DRIVE, POSITION)
+        for column in table.columns
+        if column.values.size and column.unit is None and column.name.strip().lower() in role.names
+    ]
+    one = len(bare) == 1
+    return (
+        f"{'column' if one else 'columns'} {' and '.join(repr(name) for name, _ in bare)} "
+        f"{'has' if one else 'have'} no unit: write it in the file, or say it, for example "
+        + " ".join(f"{role.word}='{name} [{role.usual}]'" for name, role in bare)
     )
 
 

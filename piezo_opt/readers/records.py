@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from dataclasses import replace
 
@@ -20,6 +21,7 @@ from piezo_opt.readers.columns import (
     choose,
     in_si,
 )
+from piezo_opt.readers.restarts import restarts
 from piezo_opt.readers.wanted import Wanted, treated
 from piezo_opt.units import quantity, same_dimension
 
@@ -97,6 +99,23 @@ def measurement_from(table: Table, name: str, wanted: Wanted) -> Measurement:
     except InputError as error:
         already = str(error).startswith(table.file)
         raise InputError(str(error) if already else f"{table.file}: {error}") from error
+
+
+def runs(table: Table, wanted: Wanted) -> tuple[Table, ...]:
+    """The table, or its parts where the clock begins anew; a given rate makes one run of all."""
+    place, time, _ = _time(table, wanted, table.metadata.get("columns", {}).get("time"))
+    at = restarts(time) if place is not None and wanted.rate is None else np.zeros(0, np.intp)
+    if at.size == 0:
+        return (table,)
+    note = (
+        f"The clock begins anew at {table.row(int(at[0]))}: the file was read as {at.size + 1} "
+        "records."
+    )
+    ends = [0, *at.tolist(), time.size]
+    return tuple(
+        replace(_rows(table, time.size, np.arange(a, b)), notes=(*table.notes, note))
+        for a, b in itertools.pairwise(ends)
+    )
 
 
 def _given(table: Table, said: str | None) -> frozenset[int]:
@@ -206,8 +225,10 @@ def _check_order(table: Table, column: Column, time: FloatArray) -> None:
     remedy = (
         "remove one of the two rows"
         if late.size == 1 and again
-        else "the clock restarts there, so these are two records: split the file before that row"
-        if late.size == 1 and time[index] <= time[0] + 1e-9 * abs(time[index - 1] - time[0])
+        else f"the clock begins anew there, so these are {count} records: take all with "
+        "record='all' (read_campaign in Python) or one of them with record='1'; where only the "
+        "clock jumped, make one record of them with the rate, rate='1 kHz'"
+        if (count := restarts(time).size + 1) > 1
         else "put the rows in the order of time, or give the rate, rate='1 kHz', where the clock "
         "is wrong"
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from piezo_opt.errors import InputError
-from piezo_opt.readers import read
+from piezo_opt.readers import read, read_campaign
 from tests.readers.forms import HEADER, STEP, T, U, Y, check, put, rows
 
 
@@ -201,7 +201,22 @@ class TestAsking:
 
     def test_a_clock_that_restarts(self, tmp_path: Path) -> None:
         file = put(tmp_path, "a.csv", HEADER + "\n" + rows() + rows())
-        refused(file, "row 1002", "the clock restarts there", "two records")
+        refused(file, "row 1002", "begins anew there, so these are 2 records", "record='all'")
+        for one in (read(file, record="2"), *read_campaign(file, trim="0.1 s:")):
+            assert "row 1002: the file was read as 2 records." in one.notes[0]
+        check(read(file, record="2"))
+        assert read_campaign(file).names == ("a 1", "a 2")
+        assert [len(one) for one in read_campaign(file, trim="0.1 s:")] == [900, 900]
+        assert len(read(file, rate="1 kHz")) == 2000
+        refused(file, "numbered from 1", "'3'", record="3")
+
+    def test_rows_in_a_wrong_order_are_no_records(self, tmp_path: Path) -> None:
+        lines = rows().splitlines(keepends=True)
+        file = put(tmp_path, "a.csv", HEADER + "\n" + "".join([*lines[500:], *lines[600:900]]))
+        refused(file, "put the rows in the order of time")
+        # Two rows before the fall are no run.
+        file = put(tmp_path, "b.csv", HEADER + "\n" + "".join([*lines[5:7], *lines]))
+        refused(file, "put the rows in the order of time")
 
     @pytest.mark.parametrize(
         ("bad", "says"),
