@@ -168,7 +168,7 @@ class TestAsking:
     def test_no_clock(self, tmp_path: Path) -> None:
         lines = "".join(f"{u:.9g},{y:.9g}\n" for u, y in zip(U, Y, strict=True))
         file = put(tmp_path, "a.csv", "voltage [V],displacement [um]\n" + lines)
-        refused(file, "no column is the time", "--rate '1 kHz'")
+        refused(file, "no column is the time", "rate='1 kHz'")
         check(read(file, rate="1 kHz"))
         check(read(file, rate=1000))
         assert read(file, rate="1 kHz").notes == (

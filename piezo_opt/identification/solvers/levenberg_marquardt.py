@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from piezo_opt.identification.objective import Objective
@@ -200,10 +199,7 @@ def _step(
         pulled = gradient[free] + normal[free] @ step
         system = normal[free[:, None], free] / (size[:, None] * size)
         system.flat[:: free.size + 1] += damping
-        _, found, failed = scipy.linalg.lapack.dposv(system, -pulled / size)
-        if failed:  # so nearly dependent that rounding has taken its definiteness
-            found = np.linalg.solve(system, -pulled / size)
-        step[free] = found / size
+        step[free] = np.linalg.solve(system, -pulled / size) / size
         way = np.where(step[free] < 0, reach[0][free], reach[1][free])
         beyond = np.abs(step[free]) > np.abs(way)
         if not beyond.any():
