@@ -70,8 +70,8 @@ def diagnose(
         float,
         typer.Option(
             metavar="NUMBER",
-            help="What an effect must explain to bear a name: without it the squares that are "
-            "left grow by at least NUMBER^2 (0.35: the error by 6 %).",
+            help="What an effect must explain to be named. 0.35: the error grows by 6 % or more "
+            "when it is left out again (sqrt(1 + NUMBER^2)).",
         ),
     ] = WORTH,
     json: o.Json = None,

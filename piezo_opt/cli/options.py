@@ -28,7 +28,8 @@ ModelPath: TypeAlias = Annotated[
     typer.Option(
         "--model",
         metavar="MODEL.toml",
-        help="Model file, JSON of an earlier fit, or 'default': what the record can see.",
+        help="Model file, JSON of an earlier fit, or 'default': hysteresis, and mechanics where "
+        "the record shows a resonance.",
     ),
 ]
 Time: TypeAlias = Annotated[
@@ -57,7 +58,8 @@ Period: TypeAlias = Annotated[
     str | None, typer.Option(metavar="'0.2 s'", help="Period of a steady state that repeats.")
 ]
 Startup: TypeAlias = Annotated[
-    str | None, typer.Option(metavar="'40 ms'", help="Beginning that errors are not counted on.")
+    str | None,
+    typer.Option(metavar="'40 ms'", help="Time at the beginning in which errors do not count."),
 ]
 Rate: TypeAlias = Annotated[
     str | None,
@@ -74,22 +76,27 @@ Every: TypeAlias = Annotated[
 ]
 Gain: TypeAlias = Annotated[
     str | None,
-    typer.Option(metavar="15", help="Of the amplifier, when the drive was recorded before it."),
+    typer.Option(metavar="15", help="Gain of the amplifier, if the drive was recorded before it."),
 ]
 Scale: TypeAlias = Annotated[
     str | None,
-    typer.Option(metavar="'2.5 um/V'", help="Of the sensor, when its reading is in volts."),
+    typer.Option(metavar="'2.5 um/V'", help="Scale of the sensor, if its reading is in volts."),
 ]
 Decimal: TypeAlias = Annotated[
     str | None, typer.Option(metavar="','", help="Sign of decimals in a text file: ',' or '.'.")
 ]
 Accept: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option(metavar="NAME", help="Take what the check found as it is; repeat for more."),
+    typer.Option(
+        metavar="NAME",
+        help="Take the record as it is in spite of this finding of the check; repeatable.",
+    ),
 ]
 Mend: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option(metavar="NAME", help="Apply the remedy of what the check found; repeat for more."),
+    typer.Option(
+        metavar="NAME", help="Apply the remedy for this finding of the check; repeatable."
+    ),
 ]
 Split: TypeAlias = Annotated[
     str | None,
@@ -97,23 +104,33 @@ Split: TypeAlias = Annotated[
 ]
 StartState: TypeAlias = Annotated[
     Start | None,
-    typer.Option(help="States at the beginning; by default free, periodic with a period."),
+    typer.Option(
+        help="What was before the record: 'free' estimates it, 'rest' is nothing, 'periodic' the "
+        "same again. By default free, and periodic with --period."
+    ),
 ]
 Solver: TypeAlias = Annotated[
-    SolverName | None, typer.Option(help="By default what suits the transcription.")
+    SolverName | None,
+    typer.Option(help="Optimiser; by default the one that suits --transcription."),
 ]
 Transcription: TypeAlias = Annotated[
-    TranscriptionName, typer.Option(help="How the question becomes a program.")
+    TranscriptionName,
+    typer.Option(
+        help="How a fit is computed: 'single' simulates a record in one run, the others in pieces."
+    ),
 ]
 Starts: TypeAlias = Annotated[
-    int, typer.Option(min=1, metavar="N", help="Number of starts, the automatic one first.")
+    int,
+    typer.Option(
+        min=1, metavar="N", help="Number of starting points; the first is found from the record."
+    ),
 ]
-Seed: TypeAlias = Annotated[int, typer.Option(min=0, help="Of the random starts.")]
+Seed: TypeAlias = Annotated[int, typer.Option(min=0, help="Seed of the random starting points.")]
 Log: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE.h5",
-        help="Keeps finished starts (and intervals, in FILE.intervals.h5); a second run goes on.",
+        help="Keeps what is finished (intervals in FILE.intervals.h5): a second run goes on there.",
     ),
 ]
 Workers: TypeAlias = Annotated[
@@ -121,14 +138,16 @@ Workers: TypeAlias = Annotated[
 ]
 Intervals: TypeAlias = Annotated[
     IntervalsName | None,
-    typer.Option(help="Intervals by fitting again and again, beside those of the covariance."),
+    typer.Option(help="Further intervals of the values, by many fits."),
 ]
 Replicates: TypeAlias = Annotated[
-    int, typer.Option(min=20, metavar="N", help="Replicates of a bootstrap.")
+    int, typer.Option(min=20, metavar="N", help="Number of fits of a bootstrap.")
 ]
 MaxTime: TypeAlias = Annotated[
     str | None,
-    typer.Option(metavar="'60 s'", help="Then give the best so far. No limit by default."),
+    typer.Option(
+        metavar="'60 s'", help="Stop after this time with the best so far. No limit by default."
+    ),
 ]
 Json: TypeAlias = Annotated[
     Path | None, typer.Option("--json", metavar="OUT.json", help="Write the result in SI units.")

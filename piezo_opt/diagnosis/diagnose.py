@@ -239,6 +239,10 @@ class Diagnosis:
                 f"  {s.name:<22} {100 * s.score:>7.1f} % {show(s.predicted_rms, 'm'):>10} "
                 f"{100 * s.visibility:>6.0f} % {s.p_value:>9.1e}"
             )
+        lines.append(
+            "  (visible: the share of its influence on the reading that no fitted parameter can "
+            "imitate; p: how likely noise alone explains as much)"
+        )
         if told:
             wide = max([22, *(len(point.label) for point in told)])
             lines += ["", f"  {'ladder':<{wide}} {'rms':>10} {'held out':>10} {'BIC falls':>10}"]
@@ -248,6 +252,10 @@ class Diagnosis:
                     f"  {point.label:<{wide}} {show(point.rms, 'm'):>10} "
                     f"{worded(point.held_out):>10} {falls:>10}".rstrip()
                 )
+            lines.append(
+                "  (held out: the error on data that were not fitted; BIC charges for each further "
+                "parameter: a fall of 10 is worth it)"
+            )
         for title, sentences in (
             ("Too slight to be named", tuple(_in_words(self.slight))),
             ("What is left", (*self.structure.clues, *_sentences(self.unexplained))),

@@ -113,9 +113,9 @@ def excitation(record: Measurement, omega: float) -> float:
 
 def _sentence(record: Measurement, why: str) -> str:
     return (
-        f"{record.name}: the model is quasi-static, without mechanics, because {why} at "
-        f"{record.rate:.4g} samples/s with this drive: the record shows no resonance. To see one, "
-        "sample at ten times its frequency and excite it (steps, chirp, multisine)."
+        f"{record.name}: the model is quasi-static, without mechanics, because the record shows "
+        f"no resonance at {record.rate:.4g} samples/s: {why}. To see one, sample at ten times its "
+        "frequency and excite it (steps, chirp, multisine)."
     )
 
 

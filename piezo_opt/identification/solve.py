@@ -306,12 +306,9 @@ def _remarks(question: Identification, fit: Fit) -> tuple[str, ...]:
             f"({show(fit.rms, 'm')}): the solver ended in a wrong minimum. Try starts=20, or "
             "leave out what the record cannot see (the mechanics first)."
         )
-    if question.model.quasi_static:
-        remarks.append("The model is quasi-static: position follows the free displacement at once.")
-    else:
-        for name, effect in question.model:
-            if any(s.position for s in effect.declared_states.values()):
-                remarks += _motion_remarks(question, name, fit)
+    for name, effect in question.model:
+        if any(s.position for s in effect.declared_states.values()):
+            remarks += _motion_remarks(question, name, fit)
     return tuple(remarks)
 
 

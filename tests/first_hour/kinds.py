@@ -72,18 +72,36 @@ def quadratic_damping() -> Signals:
     return _forced(0.0, 3e4)
 
 
+def _staircase(rate: float) -> Signals:
+    t = _clock(int(15 * rate), rate)
+    u = 20.0 * np.floor(t / 3)
+    return t, u, plant.reading(u, 1 / rate)
+
+
 def staircase() -> Signals:
     """Steps of 20 V every 3 s."""
-    t = _clock(15_000, 1000)
-    u = 20.0 * np.floor(t / 3)
-    return t, u, plant.reading(u, 1e-3)
+    return _staircase(1000.0)
+
+
+def short_staircase() -> Signals:
+    """The same at a tenth of the rate."""
+    return _staircase(100.0)
+
+
+def _late_start(rate: float) -> Signals:
+    t = _clock(int(30 * rate), rate)
+    u = np.where(t < 10, 0.0, 40 - 40 * np.cos(2 * np.pi * 2 * (t - 10)))
+    return t, u, plant.reading(u, 1 / rate, parts=2)
 
 
 def late_start() -> Signals:
     """Ten seconds of rest, then a sine."""
-    t = _clock(60_000, 2000)
-    u = np.where(t < 10, 0.0, 40 - 40 * np.cos(2 * np.pi * 2 * (t - 10)))
-    return t, u, plant.reading(u, 1 / 2000, parts=2)
+    return _late_start(2000.0)
+
+
+def short_late_start() -> Signals:
+    """The same at a twentieth of the rate."""
+    return _late_start(100.0)
 
 
 RAIL: Final = ((900, 2), (2100, 6), (3333, 3), (5000, 4))
@@ -115,9 +133,9 @@ def butterfly() -> Signals:
 
 
 def six_periods() -> Signals:
-    """One second of drive played six times behind an amplifier with a lag of 0.8 ms."""
-    t = _clock(12_000, 2000)
-    one = 50 + 40 * np.sin(2 * np.pi * t[:2000]) + 8 * np.sin(2 * np.pi * 60 * t[:2000])
+    """A drive played six times to the last bit behind an amplifier with a lag of 0.8 ms."""
+    t = _clock(4800, 2000)
+    one = 50 + 40 * np.sin(2 * np.pi * 2.5 * t[:800]) + 8 * np.sin(2 * np.pi * 60 * t[:800])
     u = np.tile(one, 6)
     share = 1 - np.exp(-1 / (2000 * 8e-4))
     slow = [u[0]]
@@ -176,7 +194,9 @@ KINDS: Final[dict[str, Kind]] = {
     "hardening": Kind(hardening, 1e-8),
     "quadratic_damping": Kind(quadratic_damping, 1e-8),
     "staircase": Kind(staircase, 1e-8),
+    "short_staircase": Kind(short_staircase, 1e-8),
     "late_start": Kind(late_start, 1e-8),
+    "short_late_start": Kind(short_late_start, 1e-8),
     "dropouts": Kind(dropouts, 1e-8),
     "butterfly": Kind(butterfly, 2e-8),
     "six_periods": Kind(six_periods, 3e-8),

@@ -32,7 +32,8 @@ class TestMatlab:
         record = read(tmp_path / "a.mat", **NAMED)
         check(record)
         assert record.notes == ("'ScopeData' was logged by Simulink: its time is in s.",)
-        with pytest.raises(InputError, match=r"'voltage' and 'displacement' have no unit.*drive='voltage \[V\]'"):
+        both = r"'voltage' and 'displacement' have no unit.*drive='voltage \[V\]' position="
+        with pytest.raises(InputError, match=both):
             read(tmp_path / "a.mat")
 
     def test_simulink_signals_without_labels_and_of_several_columns(self, tmp_path: Path) -> None:
