@@ -77,6 +77,5 @@ def fit(
             data["held_out"] = comparison.to_dict()
         outputs.write_json(json, data, overwrite=overwrite)
     if report is not None:
-        results = (answer,) if test is None else (answer, comparison)
-        outputs.write_page(report, *results, overwrite=overwrite)
+        outputs.write_page(report, answer, comparison, overwrite=overwrite)
     leave(answer)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import singledispatch
+from typing import final
 
 import numpy as np
 
@@ -40,9 +42,41 @@ def chapter(result: object) -> list[Block]:
     raise InputError(f"a report cannot show a {type(result).__name__}: give fits and comparisons")
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A fit with its error on its own records, which somebody has looked at already.
+
+    What a long record tells takes seconds to find, and is not found twice.
+    """
+
+    fit: Fit
+    own: Comparison
+
+
+def together(results: Sequence[object]) -> list[object]:
+    """The results, each fit joined with the comparison of it alone on its own records."""
+    own = {
+        id(one.entries[0].fit): one
+        for one in results
+        if isinstance(one, Comparison) and len(one.entries) == 1 and not one.held_out
+    }
+    joined = {id(own[id(one)]) for one in results if isinstance(one, Fit) and id(one) in own}
+    return [
+        Judged(one, own[id(one)]) if isinstance(one, Fit) and id(one) in own else one
+        for one in results
+        if id(one) not in joined
+    ]
+
+
 @chapter.register
 def _fit(fit: Fit) -> list[Block]:
-    own = compare(fit, names=("model",))
+    return _judged(Judged(fit, compare(fit)))
+
+
+@chapter.register
+def _judged(judged: Judged) -> list[Block]:
+    fit, own = judged.fit, judged.own
     entry = own.entries[0]
     table = columns(own)[1:]
     blocks: list[Block] = [

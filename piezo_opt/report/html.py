@@ -7,7 +7,7 @@ from pathlib import Path
 
 from piezo_opt.errors import InputError
 from piezo_opt.readers.files import replacing
-from piezo_opt.report.chapters import chapter
+from piezo_opt.report.chapters import chapter, together
 from piezo_opt.report.page import Heading, page
 
 __all__ = ["write_report"]
@@ -23,7 +23,8 @@ def write_report(
 
     Args:
         path: of the page; it appears whole or not at all.
-        results: fits, comparisons and diagnoses.
+        results: fits, comparisons and diagnoses. A fit and the comparison of it alone on its own
+            records are one chapter.
         title: of the page; by default the heading of its first chapter.
         overwrite: whether an existing file may be replaced.
 
@@ -39,7 +40,7 @@ def write_report(
     file = Path(path)
     # Asked before anything is drawn; the file is put in place at the end.
     with replacing(file, overwrite=overwrite) as temporary:
-        blocks = [block for result in results for block in chapter(result)]
+        blocks = [block for result in together(results) for block in chapter(result)]
         first = blocks[0]
         if title is None and isinstance(first, Heading):
             title, blocks = first.text, blocks[1:]

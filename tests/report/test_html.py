@@ -127,3 +127,16 @@ def test_it_refuses_what_is_no_result(fit: Fit, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no folder"):
         write_report(tmp_path / "nowhere" / "page.html", fit)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_fit_leaves_is_not_looked_at_twice(
+    fit: Fit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a long record that takes seconds; the page is the same."""
+    alone = write_report(tmp_path / "alone.html", fit).read_text(encoding="utf-8")
+    own = compare(fit)
+    assert own.entries[0].where
+    monkeypatch.setattr("piezo_opt.comparison.compare.where", pytest.fail)
+    for results in ((fit, own), (own, fit)):
+        page = write_report(tmp_path / "own.html", *results, overwrite=True)
+        assert page.read_text(encoding="utf-8") == alone
