@@ -8,6 +8,7 @@ notice a wrong byte by themselves.
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -18,10 +19,18 @@ OWN: Final = "piezo_opt records"
 """What a file of this package calls its format; its text stands in the first bytes."""
 _HEAD: Final = 4096
 _PATIENCE_S: Final = 6.0
-"""Nothing that hangs is waited for longer; a large file has a second more for each 50 MB."""
+"""Processor time of a try; a large file has a second more for each 50 MB. What hangs in a file is
+busy, and a good file on a loaded machine is not."""
+_LOADED: Final = 10.0
+"""Seconds that pass while a loaded machine gives one."""
 _BYTES_A_SECOND: Final = 5e7
 _READ_ALL: Final = """
 import sys
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_CPU, (int(sys.argv[2]), int(sys.argv[2])))
+except ImportError:
+    pass
 import h5py
 
 def visit(name, item):
@@ -46,10 +55,10 @@ def survives(file: Path) -> bool:
     patience = _PATIENCE_S + file.stat().st_size / _BYTES_A_SECOND
     try:
         done = subprocess.run(
-            [sys.executable, "-c", _READ_ALL, str(file)],
+            [sys.executable, "-c", _READ_ALL, str(file), str(math.ceil(patience))],
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            timeout=patience,
+            timeout=patience * _LOADED,
             check=False,
         )
     except subprocess.TimeoutExpired:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from html.parser import HTMLParser
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -132,11 +133,17 @@ def test_it_refuses_what_is_no_result(fit: Fit, tmp_path: Path) -> None:
 def test_what_a_fit_leaves_is_not_looked_at_twice(
     fit: Fit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On a long record that takes seconds; the page is the same."""
-    alone = write_report(tmp_path / "alone.html", fit).read_text(encoding="utf-8")
+    """On a long record that takes seconds; the page says the same."""
+
+    def told(page: Path) -> list[str]:
+        # The ids in pictures are drawn anew each time.
+        return re.findall(r"<(?:h\d|p|li|td|figcaption)[ >].*", page.read_text(encoding="utf-8"))
+
+    alone = told(write_report(tmp_path / "alone.html", fit))
+    assert len(alone) > 20
     own = compare(fit)
     assert own.entries[0].where
-    monkeypatch.setattr("piezo_opt.comparison.compare.where", pytest.fail)
+    monkeypatch.setattr(import_module("piezo_opt.comparison.compare"), "where", pytest.fail)
     for results in ((fit, own), (own, fit)):
         page = write_report(tmp_path / "own.html", *results, overwrite=True)
-        assert page.read_text(encoding="utf-8") == alone
+        assert told(page) == alone
