@@ -88,7 +88,16 @@ def test_a_loop_that_computes_something_else_is_noticed(monkeypatch: pytest.Monk
 def test_the_command_prints_and_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(speed, "MODELS", MODELS[:1])
     out = tmp_path / "speed.json"
-    words = ["bench", "speed", "--samples", "500", "--repetitions", "1", "--no-library"]
+    words = [
+        "bench",
+        "speed",
+        "--samples",
+        "500",
+        "--repetitions",
+        "1",
+        "--no-library",
+        "--no-alternatives",
+    ]
     done = CliRunner().invoke(app, [*words, "--json", str(out)])
     assert done.exit_code == 0, done.output
     told = json.loads(out.read_text())

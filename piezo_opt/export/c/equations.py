@@ -47,12 +47,12 @@ def rates(pen: Pen) -> list[str]:
     ]
     return [
         *comment("How fast the states move at one instant.", *said),
-        *wrapped(f"static void {n}_rates_at({', '.join(given)}, {n}_rates *rates)", WIDTH),
+        *wrapped(f"static inline void {n}_rates_at({', '.join(given)}, {n}_rates *rates)", WIDTH),
         *braced([*unused, *lines]),
         "",
         "/* States along a straight line. */",
         *wrapped(
-            f"static void {n}_along(const {n}_states *x, {pen.real} h, "
+            f"static inline void {n}_along(const {n}_states *x, {pen.real} h, "
             f"const {n}_rates *rates, {n}_states *moved)", WIDTH,
         ),
         *braced([
@@ -61,7 +61,7 @@ def rates(pen: Pen) -> list[str]:
         ]),
         "",
         "/* A sum of rates. */",
-        f"static void {n}_gather({n}_rates *sum, {pen.real} weight, const {n}_rates *rates)",
+        f"static inline void {n}_gather({n}_rates *sum, {pen.real} weight, const {n}_rates *rates)",
         *braced([f"sum->{name} += weight * rates->{name};" for name in pen.flowing()]),
     ]  # fmt: skip
 

@@ -122,6 +122,10 @@ class Graph:
             return self.add(Node(CHOICE, (first, operands[1], self.number(0.0))))
         if operation == ca.OP_ADD and (both := self._either(*operands)) is not None:
             return both
+        if operation == ca.OP_SUB and self.nodes[operands[1]].kind == "+":
+            # a - (b + c) as a - b - c: a product and a sum become one instruction each.
+            b, c = self.nodes[operands[1]].inputs
+            return self.add(Node("-", (self.add(Node("-", (first, b))), c)))
         kind = _BINARY.get(operation) or _UNARY.get(operation)
         if kind is None:
             raise ModelError(

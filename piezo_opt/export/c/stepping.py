@@ -62,7 +62,7 @@ def substep(pen: Pen) -> list[str]:
     scheme = "the classical Runge-Kutta scheme of order four" if plan.flowing else "exact"
     return [
         f"/* A sub-step h [s]: {scheme}. */",
-        f"static void {n}_substep({n} *a, {real} h)",
+        f"static inline void {n}_substep({n} *a, {real} h)",
         *braced(lines),
     ]
 
