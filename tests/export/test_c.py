@@ -175,12 +175,15 @@ def test_a_reader_finds_the_equations(tmp_path: Path) -> None:
             assert f"[{parameter.unit}]" in found
     assert "double creep_z[3];" in header
     plain = " ".join(source.split())
-    assert "rates->bouc_wen_h = p->bouc_wen_alpha * drive_rate - (p->bouc_wen_beta" in plain
+    assert (
+        "rates->bouc_wen_h = p->bouc_wen_alpha * drive_rate - p->bouc_wen_beta * fabs(drive_rate) "
+        "* x->bouc_wen_h - p->bouc_wen_gamma * drive_rate * fabs(x->bouc_wen_h);"
+    ) in plain
     assert "const double free_displacement = p->piezo_gain_d * drive - x->bouc_wen_h" in plain
     assert "rates->second_order_x = x->second_order_w;" in plain
     # No memory of its own, nothing but libm.
     assert not re.search(
-        r"\b(static (?!actuator|double|void|float)|malloc|extern (?!\"C\"))", plain
+        r"\b(static (?!actuator|double|void|float|inline void)|malloc|extern (?!\"C\"))", plain
     )
     assert re.findall(r"#include (\S+)", source) == ['"actuator.h"', "<math.h>"]
 
