@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     from piezo_opt.readers import read, read_campaign, write
     from piezo_opt.report import write_report
     from piezo_opt.simulation import Initial, Many, Response, simulate, simulate_many
-    from piezo_opt.studies import study_thesis
+    from piezo_opt.studies import study_thesis, study_worth
     from piezo_opt.units import quantity
     from piezo_opt.values import Values
 
@@ -150,6 +150,7 @@ __all__ = [
     "simulate_many",
     "solve",
     "study_thesis",
+    "study_worth",
     "tune_lqr",
     "tune_mpc",
     "tune_pid",
@@ -181,7 +182,7 @@ _ROOMS: Final = {
     "readers": "read read_campaign write",
     "report": "write_report",
     "simulation": "Initial Many Response simulate simulate_many",
-    "studies": "study_thesis",
+    "studies": "study_thesis study_worth",
     "units": "quantity",
     "values": "Values",
 }

@@ -1,4 +1,4 @@
-"""``piezo-opt study``: published numbers beside those computed here."""
+"""``piezo-opt study``: published numbers beside ours, and what a diagnosis is worth."""
 
 from __future__ import annotations
 
@@ -9,10 +9,14 @@ import typer
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.solving import pool
+from piezo_opt.cli.telling import telling
+from piezo_opt.stopping import TimeLimit
+from piezo_opt.units import quantity
 
 study = typer.Typer(
     name="study",
-    help="Published numbers beside those computed here.",
+    help="Published numbers beside ours, and what a diagnosis is worth to a controller.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -20,7 +24,7 @@ study = typer.Typer(
 
 @study.callback()
 def _front() -> None:
-    """Published numbers beside those computed here."""
+    """Published numbers beside ours, and what a diagnosis is worth to a controller."""
 
 
 @study.command()
@@ -51,3 +55,49 @@ def thesis(
     if page is not None:
         write_tables(page, found)
     typer.echo(str(found))
+
+
+@study.command()
+def worth(
+    plants: Annotated[int, typer.Option(min=1, metavar="N", help="How many.")] = 20,
+    seed: Annotated[int, typer.Option(min=0, help="Of the first plant; others follow.")] = 0,
+    samples: Annotated[int, typer.Option(min=1000, metavar="N", help="Of each record.")] = 3000,
+    workers: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Processes that share the plants.")
+    ] = 1,
+    json: o.Json = None,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="OUT.png", help="Every plant as a point: .png or .svg.")
+    ] = None,
+    max_time: o.MaxTime = None,
+    overwrite: o.Overwrite = False,
+) -> None:
+    """Controllers on the undiagnosed, the diagnosed and the best model, tried on foreign plants.
+
+    Every plant has creep and a second mode and shares no code with the package. About half a minute
+    of processor time for each; Ctrl-C and --max-time give the plants that were finished.
+
+    \b
+    Examples:
+      piezo-opt study worth --plants 2
+      piezo-opt study worth --workers 2 --json worth.json --picture worth.png
+    """
+    from piezo_opt.studies import study_worth
+
+    outputs.check({"--json": json, "--picture": picture}, overwrite=overwrite)
+    seconds = None if max_time is None else quantity(max_time, "s")
+    with pool(workers) as executor, telling("Study") as tell, TimeLimit(seconds):
+        found = study_worth(
+            plants, seed, samples=samples, executor=executor,
+            progress=lambda done, of: tell(f"{done} of {of} plants (Ctrl-C prints those)"),
+        )  # fmt: skip
+    typer.echo(str(found))
+    if json is not None:
+        outputs.write_json(json, found.to_dict(), overwrite=overwrite)
+    if picture is not None:
+        from piezo_opt.readers.files import replacing
+        from piezo_opt.report.worth import worths
+
+        with replacing(picture, overwrite=overwrite) as temporary:
+            form = picture.suffix.lstrip(".").lower() or "png"
+            worths(found.points()).savefig(temporary, dpi=150, format=form)

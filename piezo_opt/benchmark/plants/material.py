@@ -136,12 +136,20 @@ class Creep(Hidden):
         """Logarithmic or fractional."""
         return "fractional" if self.power > 0.0 else "logarithmic"
 
-    def strain(self, scene: Scene, ends: Array, free: Array) -> Array:
-        """The sum of the spectrum's elements, all at rest at the start."""
-        longest = 100.0 * scene.grid.count * scene.grid.step
+    def longest(self, duration: float) -> float:
+        """Where the spectrum may end: far beyond what a record of that duration shows [s]."""
+        return 100.0 * duration
+
+    def spectrum(self, longest: float) -> tuple[Array, Array]:
+        """Time constants [s] of the elements up to there, and their weights."""
         decades = np.log10(longest / (0.2 * self.begin))
         taus = 0.2 * self.begin * 10.0 ** np.arange(0.0, decades, 1.0 / 3.0)
         weights = np.exp(-self.begin / taus) * (taus / self.begin) ** self.power / 3.0
+        return taus, weights
+
+    def strain(self, scene: Scene, ends: Array, free: Array) -> Array:
+        """The sum of the spectrum's elements, all at rest at the start."""
+        taus, weights = self.spectrum(self.longest(scene.grid.count * scene.grid.step))
         nodes = np.zeros(scene.grid.count + 1)
         for tau, weight in zip(taus.tolist(), weights.tolist(), strict=True):
             nodes += weight * lagged(free, tau, 0.0, scene.grid.step)

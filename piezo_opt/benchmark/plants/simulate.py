@@ -31,7 +31,7 @@ class Trace:
 
 
 @final
-class _Loop:
+class Loop:
     """One loop with the terms that hidden effects add to it, moved along by its drive."""
 
     def __init__(self, base: Base, pulls: Sequence[Pull]) -> None:
@@ -82,7 +82,7 @@ def simulate(base: Base, effects: Sequence[Hidden], scene: Scene) -> Trace:
     backs = [back for effect in effects if (back := effect.back()) is not None]
     if backs:
         stepped = _Stepped(base, scene, forces, grips)
-        x, w, free = stepped.coupled(ends, added, backs[0], _Loop(base, pulls))
+        x, w, free = stepped.coupled(ends, added, backs[0], Loop(base, pulls))
     elif base.static:
         x, w = _Stepped(base, scene, forces, grips).still(free)
     elif forces or grips:
@@ -100,7 +100,7 @@ def simulate(base: Base, effects: Sequence[Hidden], scene: Scene) -> Trace:
 def _along(base: Base, pulls: Sequence[Pull], scene: Scene, ends: Array) -> Array:
     """The loop along the whole drive, at both ends of every sub-step [m]."""
     way = path(ends, base.width, with_rest=bool(pulls))
-    loop = _Loop(base, pulls)
+    loop = Loop(base, pulls)
     out = [loop.h]
     drive = float(ends[0, 0])
     seconds = (way.share * scene.grid.step).tolist()
@@ -209,7 +209,7 @@ class _Stepped:
         return np.array(xs), np.array(ws)
 
     def coupled(
-        self, ends: Array, added: Array, back: Back, loop: _Loop
+        self, ends: Array, added: Array, back: Back, loop: Loop
     ) -> tuple[Array, Array, Array]:
         """Position, velocity and free displacement with the motion's charge on the drive.
 
