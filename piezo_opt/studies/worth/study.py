@@ -147,8 +147,9 @@ class Worth:
     @property
     def ratios(self) -> tuple[tuple[str, str, Median], ...]:
         """Reference, what is compared, and how many times larger the first error is."""
+        known = "diagnosed"
         compared = [
-            (f"PID over {one}, both on the diagnosed model", ("PID", "diagnosed"), (one, "diagnosed"))
+            (f"PID over {one}, both on the {known} model", ("PID", known), (one, known))
             for one in CONTROLLERS if one not in ("PID", "inverse")
         ] + [
             (f"{one}, {worse} over {better}", (one, worse), (one, better))
