@@ -54,6 +54,10 @@ class Clumsy(Effect):
 """
 
 
+PATIENCE = ("--max-time", "10 min")
+"""A loaded machine changes no answer."""
+
+
 def run(*arguments: object) -> Result:
     return CliRunner().invoke(app, [str(one) for one in arguments])
 
@@ -90,7 +94,7 @@ def loop(tmp_path: Path) -> Path:
 def test_names_what_is_missing_and_writes_it_down(parts: tuple[Path, Path], tmp_path: Path) -> None:
     train, test = parts
     out, page = tmp_path / "diagnosis.json", tmp_path / "diagnosis.html"
-    done = run("diagnose", train, "--test", test, "--json", out, "--report", page)
+    done = run("diagnose", train, "--test", test, "--json", out, "--report", page, *PATIENCE)
     assert done.exit_code == 0, done.output
     assert all(line.startswith("Diagnosis, ") for line in done.stderr.splitlines())
     assert done.stdout.startswith("Missing: creep. The error falls from 45.7 nm to 14")
@@ -140,7 +144,7 @@ def test_mechanics_that_were_found_are_not_said_to_be_unseen(
     for base in (MOVING, STILL):
         record, moves = tmp_path / "record.csv", base is MOVING
         write(measured(base, clock(), rich(clock())), record, overwrite=True)
-        done = run("diagnose", record, *withheld)
+        done = run("diagnose", record, *withheld, *PATIENCE)
         assert done.exit_code == 0, done.output
         assert done.stdout.startswith("Complete once second_order is" if moves else "Complete:")
         assert (remark in done.stdout) is not moves
@@ -151,7 +155,7 @@ def test_withheld_effects_are_not_considered(parts: tuple[Path, Path], tmp_path:
     withheld = set(but("drift", "asymmetry", "friction", "delay"))
     assert "creep" in withheld
     options = [word for name in sorted(withheld) for word in ("--withhold", name)]
-    done = run("diagnose", parts[0], "--split", "20 s", *options, "--json", out)
+    done = run("diagnose", parts[0], "--split", "20 s", *options, "--json", out, *PATIENCE)
     assert done.exit_code == 0, done.output
     data = json.loads(out.read_text())
     assert not withheld & {s["effect"] for s in data["suspects"]}
@@ -166,7 +170,7 @@ def test_effects_of_the_user_are_scored(tmp_path: Path, loop: Path) -> None:
     file, out = tmp_path / "mine.py", tmp_path / "d.json"
     file.write_text(HEAD + CUBE)
     done = run(
-        *("diagnose", LOOP, "--model", loop, "--start", "rest"),
+        *("diagnose", LOOP, "--model", loop, "--start", "rest", *PATIENCE),
         *("--candidates", file, "--json", out),
     )
     assert done.exit_code == 0, done.output
@@ -270,7 +274,7 @@ def test_drives_are_written_only_where_there_is_a_folder(tmp_path: Path, loop: P
     folder.mkdir()
     done = run(
         "diagnose", LOOP, "--model", loop, "--start", "rest", "--drives", folder, "--withhold",
-        "drift",
+        "drift", *PATIENCE,
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     files = sorted(folder.iterdir())
@@ -293,7 +297,7 @@ def test_another_law_takes_the_place_of_one_that_leaves_more_than_noise(tmp_path
     write(minor_loops(PrandtlIshlinskii(), {"r": 24.0, "rho": 3e-8}, 2e-9), file)
     withheld = but("drift", "asymmetry", "friction", "delay")
     done = run(
-        *("diagnose", file, "--model", model, "--json", out),
+        *("diagnose", file, "--model", model, "--json", out, *PATIENCE),
         *(word for name in withheld for word in ("--withhold", name)),
     )
     assert done.exit_code == 0, done.output
@@ -380,7 +384,7 @@ def test_an_error_of_the_program_is_a_sentence_and_a_file_to_send(
         raise RuntimeError("inside")
 
     monkeypatch.setattr("piezo_opt.cli.diagnose.examine", fails)
-    done = run("diagnose", LOOP, "--model", loop, "--start", "rest")
+    done = run("diagnose", LOOP, "--model", loop, "--start", "rest", *PATIENCE)
     assert done.exit_code == 1
     assert "Traceback" not in done.output
     (sentence,) = done.stderr.strip().splitlines()
