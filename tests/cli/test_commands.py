@@ -13,6 +13,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from piezo_opt import datasets, demo
+from piezo_opt.__main__ import main as begin
 from piezo_opt.cli import app, choices
 from piezo_opt.cli import solving as solving_module
 from piezo_opt.identification import Identification, Progress, solve
@@ -47,6 +48,20 @@ def plain(tmp_path: Path) -> Path:
     file = tmp_path / "plain.toml"
     file.write_text(PLAIN)
     return file
+
+
+@pytest.mark.parametrize(("said", "threads"), [(None, "1"), ("4", "4")])
+def test_one_thread_of_linear_algebra_unless_said(
+    monkeypatch: pytest.MonkeyPatch, said: str | None, threads: str
+) -> None:
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", said or "")
+    if said is None:
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    monkeypatch.setattr(sys, "argv", ["piezo-opt", "--version"])
+    monkeypatch.setattr(sys, "stdout", sys.stdout)  # which the command wraps
+    with pytest.raises(SystemExit):
+        begin()
+    assert os.environ["OPENBLAS_NUM_THREADS"] == threads
 
 
 def test_help_has_an_example_for_each_command() -> None:
