@@ -176,7 +176,9 @@ def spectrum(entries: Sequence[Entry], record: int = 0) -> Figure | None:
         made, (above, below) = figure(2, height=4.4, sharex=True, heights=(1.6, 1.0))
         base = entries[0].misfits[record].record.position_unit
         roots = [np.sqrt(view.error) for view in views]
-        factor, unit = prefixed(base, *roots)
+        # Between the largest of both: four decades apart, one of them would need powers of ten.
+        largest = float(np.sqrt(views[0].reading.max())), max(float(r.max()) for r in roots)
+        factor, unit = prefixed(base, np.sqrt([largest[0] * largest[1]]))
         above.loglog(
             views[0].frequency, factor * np.sqrt(views[0].reading), color=BLACK, label="reading"
         )
@@ -199,7 +201,8 @@ def spectrum(entries: Sequence[Entry], record: int = 0) -> Figure | None:
         below.set_xlabel("frequency [Hz]")
         above.set_title("By frequency")
         plain_log_ticks(below.xaxis)
-        above.legend(loc="best")
+        plain_log_ticks(above.yaxis)
+        above.legend(loc="upper right")
         return made
 
 
@@ -438,6 +441,8 @@ def _share_y(axes: Sequence[Axes]) -> None:
 
 
 def legend_below(made: Figure, axis: Axes) -> None:
+    # The only layout that makes room for a legend outside of all axes; it costs two more passes.
+    made.set_layout_engine("constrained")
     handles, names = axis.get_legend_handles_labels()
     fitting = max(1, 90 // (max(map(len, names)) + 8))
     made.legend(handles, names, loc="outside lower center", ncols=min(fitting, len(names)))

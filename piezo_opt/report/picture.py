@@ -22,6 +22,11 @@ def svg(figure: Figure, key: str) -> str:
     """
     buffer = io.StringIO()
     with styled():
+        engine = figure.get_layout_engine()
+        if engine is not None:
+            # Saving would draw everything once more only to lay it out.
+            engine.execute(figure)
+            figure.set_layout_engine("none")
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = _METADATA.sub("", _PROLOGUE.sub("", buffer.getvalue(), count=1))
     text = _HEIGHT.sub(r"\1", _SIZE.sub(r"\1", text, count=1), count=1)

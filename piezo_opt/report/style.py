@@ -43,6 +43,8 @@ _SETTINGS: Final[dict[Any, Any]] = {
     "axes.titlesize": 10.0,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
+    # Where a title stands anyway; without it each is measured against its axes' labels.
+    "axes.titley": 1.0,
     "axes.labelsize": 9.5,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -86,7 +88,7 @@ def figure(
     heights: tuple[float, ...] | None = None,
 ) -> tuple[Figure, list[Axes]]:
     """A figure of its own, without any state that others share, and its axes in reading order."""
-    made = Figure(figsize=(width, height), layout="constrained")
+    made = Figure(figsize=(width, height), layout="tight")
     grid = made.subplots(
         rows,
         columns,
@@ -140,12 +142,13 @@ def thinned(most: int, *signals: FloatArray) -> tuple[FloatArray, ...]:
     count = signals[-1].size
     if count <= most:
         return signals
-    windows = most // 2
-    cuts = np.linspace(0, count, windows + 1).round().astype(np.int64)
-    width = int(np.diff(cuts).max())
-    index = np.minimum(cuts[:-1, np.newaxis] + np.arange(width), cuts[1:, np.newaxis] - 1)
-    values = signals[-1][index]
-    rows = np.arange(windows)
-    low, high = index[rows, values.argmin(axis=1)], index[rows, values.argmax(axis=1)]
-    kept = np.unique(np.concatenate([[0], low, high, [count - 1]]))
-    return tuple(np.asarray(signal[kept]) for signal in signals)
+    width = -(-2 * count // most)
+    whole = count // width
+    windows, rest = np.split(signals[-1], [whole * width])
+    windows = windows.reshape(whole, width)
+    first = np.arange(whole) * width
+    kept = [first + windows.argmin(axis=1), first + windows.argmax(axis=1), [0, count - 1]]
+    if rest.size:
+        kept.append(whole * width + np.array([rest.argmin(), rest.argmax()]))
+    places = np.unique(np.concatenate(kept))
+    return tuple(np.asarray(signal[places]) for signal in signals)
