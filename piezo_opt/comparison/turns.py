@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from piezo_opt.measurement import FloatArray
@@ -84,8 +83,7 @@ def rests(drive: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
     noise = float(np.median(np.abs(np.diff(drive, 2)))) / (0.6745 * np.sqrt(6.0))
     # On a fine ramp or a sine second differences are no noise, but then they are small.
     tolerance = _STILL * spread + 6.0 * min(noise, _STILL * spread)
-    windows = sliding_window_view(drive, _LONG)
-    still = windows.max(axis=1) - windows.min(axis=1) <= tolerance
+    still = _over(np.maximum, drive) - _over(np.minimum, drive) <= tolerance
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
     first: list[int] = []
     last: list[int] = []
@@ -103,3 +101,10 @@ def rests(drive: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
             last.append(end)
             sign.append(float(np.sign(moved)))
     return np.array(first, dtype=np.int64), np.array(last, dtype=np.int64), np.array(sign)
+
+
+def _over(larger: np.ufunc, values: FloatArray) -> FloatArray:
+    """The largest (or smallest) of each 8 samples in a row: of 2, of 2 such, of 2 of those."""
+    for apart in (1, 2, 4):
+        values = larger(values[:-apart], values[apart:])
+    return values

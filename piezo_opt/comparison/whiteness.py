@@ -98,11 +98,9 @@ def _correlated(first: FloatArray, second: FloatArray, most: int) -> FloatArray:
     size = float(np.linalg.norm(first) * np.linalg.norm(second))
     if size == 0.0:
         return np.zeros(2 * most + 1)
-    # Zeros behind the signals keep so many lags from meeting their beginnings.
-    length = 1 << (first.size + most - 1).bit_length()
-    both = np.fft.rfft(first, length) * np.conj(np.fft.rfft(second, length))
-    sums = np.fft.irfft(both, length)
-    return np.concatenate([sums[length - most :], sums[: most + 1]]) / size
+    n = first.size
+    before = [first[: n - k] @ second[k:] for k in range(most, 0, -1)]
+    return np.array([*before, *(first[k:] @ second[: n - k] for k in range(most + 1))]) / size
 
 
 def _sentence(p_value: float, outside: int, most: int, along: int, lags: int) -> str:

@@ -26,6 +26,7 @@ from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarqua
 from piezo_opt.identification.stretch import busiest
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
 from piezo_opt.measurement import Measurement
+from piezo_opt.simulation import INITIAL
 from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
@@ -46,6 +47,8 @@ _STIFFER = 1.2
 the actuator is stiffer than the record can show."""
 _STRETCH = 2500
 """Samples that are enough to choose a resonance by."""
+_LOOPED, _TURNED = 20_000, 0.5
+"""The same for the width of a loop, if the drive goes up and down by so much of its range there."""
 _FOLLOWED = 4
 """Joint trials that are followed by a few Gauss-Newton steps."""
 _TELLING = 12
@@ -141,14 +144,13 @@ def _base_start(
             start[name] = 0.2 * gain
     structural = Model(tuple((n, e) for n, e in model.named if e.structural))
     calm = question.with_model(structural if len(structural) else model)
-    search = _Search(_stretch(_light(calm)) if frequencies else _light(calm), monitor)
     if frequencies:
+        search = _Search(_stretch(_light(calm)), monitor)
         quiet = _without_motion(calm)
         residual = record.position - record.position.mean()
         if quiet is not None:
             still = _Search(_light(quiet), monitor)
-            found = _scan_widths(still, start, [s for s in shapes if s in quiet.model.parameters],
-                                 swing)  # fmt: skip
+            found = _loop_start(still, start, shapes, swing, monitor)
             residual = still.misfit(found)
             start.update(found)
         dampings = [
@@ -159,8 +161,34 @@ def _base_start(
             search, start, frequencies[0], dampings, resonances(record, residual), {}
         )
     else:
-        best = _scan_widths(search, start, shapes, swing)
+        best = _loop_start(_Search(_light(calm), monitor), start, shapes, swing, monitor)
     return {**start, **best}
+
+
+def _loop_start(
+    whole: _Search,
+    start: dict[str, float],
+    shapes: Sequence[str],
+    swing: float,
+    monitor: Monitor,
+) -> dict[str, float]:
+    """The widths of the loop that suit the record, by a stretch of it where that shows the loop."""
+    question = whole.question
+    record = question.campaign.records[0]
+    known = [name for name in shapes if name in question.model.parameters]
+    drive = (part := busiest(record, _LOOPED)).drive
+    risen = float((drive - np.minimum.accumulate(drive)).max())
+    fallen = float((np.maximum.accumulate(drive) - drive).max())
+    shown = min(risen, fallen) >= _TURNED * swing
+    if part is record or not shown or question.start_of(record) is not Start.FREE:
+        return _scan_widths(whole, start, known, swing)
+    brief = _Search(replace(question, records=part), monitor)
+    # What was before the stretch is not what was before the record.
+    return {
+        name: value
+        for name, value in _scan_widths(brief, start, known, swing).items()
+        if not name.startswith(INITIAL)
+    }
 
 
 def another_start(question: Identification, values: Values, residual: FloatArray) -> Values | None:

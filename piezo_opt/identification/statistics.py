@@ -18,6 +18,8 @@ FloatArray = NDArray[np.float64]
 
 _AT_ONCE = 65536
 """Rows whose sums are in memory at a time."""
+_FEW_LAGS = 32
+"""Lags up to which a product each is less work than a spectrum."""
 
 
 @final
@@ -119,6 +121,8 @@ def _autocorrelation(r: FloatArray, lags: int) -> FloatArray:
     """Correlation of a series with itself 1 to ``lags`` samples later."""
     centred = r - r.mean()
     power = float(centred @ centred) or 1.0
+    if lags <= _FEW_LAGS:
+        return np.array([centred[k:] @ centred[:-k] for k in range(1, lags + 1)]) / power
     # Up to the next eighth of a power of two, which is as fast to transform and nearer.
     eighth = 1 << max(0, (r.size + lags - 1).bit_length() - 3)
     size = -(-(r.size + lags) // eighth) * eighth

@@ -282,7 +282,12 @@ def segments(drive: Drive, readings: FloatArray, delay: float | None = None) -> 
     """
     at = readings if delay is None else readings - delay
     inside = drive.time[drive.time < at[-1]]
-    if delay is None:
+    # Nearly always the drive is known where the reading is, and there is nothing to sort.
+    same = delay is None and np.array_equal(drive.time, at)
+    if same:
+        knots, index = at, np.arange(at.size, dtype=np.int32)
+        by_delay = np.zeros(knots.size)
+    elif delay is None:
         first = min(float(drive.time[0]), float(at[0]))
         knots = np.unique(np.concatenate([[first], inside, at]))
         index = np.full(knots.size, -1, dtype=np.int32)
@@ -294,13 +299,17 @@ def segments(drive: Drive, readings: FloatArray, delay: float | None = None) -> 
         order = np.lexsort((number < 0, knots))
         knots, index = knots[order], number[order].astype(np.int32)
         by_delay = np.where(index >= 0, -1.0, 0.0)
-    start = np.concatenate([knots[:1], knots[:-1]])
-    start_by_delay = np.concatenate([by_delay[:1], by_delay[:-1]])
-    line = np.clip(np.searchsorted(drive.time, knots, side="left"), 1, drive.time.size - 1)
+    start, start_by_delay = _before(knots), _before(by_delay)
+    line = np.arange(at.size) if same else np.searchsorted(drive.time, knots, side="left")
+    line = np.clip(line, 1, drive.time.size - 1)
     slopes = np.diff(drive.value) / np.diff(drive.time)
     slope = np.where((knots > drive.time[0]) & (start < drive.time[-1]), slopes[line - 1], 0.0)
     shift = 0.0 if delay is None else delay
-    gone, goes = np.interp([start + shift, knots + shift], drive.channel_time, drive.way)
+    at_samples = same and np.array_equal(drive.channel_time, at)
+    if at_samples:
+        gone, goes = _before(drive.way), drive.way
+    else:
+        gone, goes = np.interp([start + shift, knots + shift], drive.channel_time, drive.way)
     beside, beside_start = _channels(drive, knots + shift), _channels(drive, start + shift)
     length = knots - start
     safe = np.where(length > 0, length, 1.0)[:, None]
@@ -309,7 +318,7 @@ def segments(drive: Drive, readings: FloatArray, delay: float | None = None) -> 
     return Segment(
         length=length,
         time=start + shift,
-        drive=np.interp(start, drive.time, drive.value),
+        drive=_before(drive.value) if same else np.interp(start, drive.time, drive.value),
         slope=slope,
         channels=np.ascontiguousarray(beside_start),
         channel_slopes=np.ascontiguousarray(beside_slope),
@@ -320,6 +329,11 @@ def segments(drive: Drive, readings: FloatArray, delay: float | None = None) -> 
         reading=np.ascontiguousarray(index, dtype=np.int32),
         travel=goes - gone,
     )
+
+
+def _before(values: FloatArray) -> FloatArray:
+    """What was one place earlier; the first stays where it is."""
+    return np.concatenate([values[:1], values[:-1]])
 
 
 def _channels(drive: Drive, at: FloatArray) -> FloatArray:

@@ -176,6 +176,28 @@ def test_the_loop_is_found_whatever_its_width() -> None:
         assert fit.values["bouc_wen.beta"] == pytest.approx(beta, rel=0.05)
 
 
+@pytest.mark.parametrize(("sweeps", "searched"), [(12, 20_000), (1, 60_000)])
+def test_a_long_record_is_searched_by_a_stretch_that_shows_the_loop(
+    monkeypatch: pytest.MonkeyPatch, sweeps: int, searched: int
+) -> None:
+    """Of one slow triangle no stretch does; the fit is that of the whole record all the same."""
+    seen: list[int] = []
+    scan = starting._scan_widths
+
+    def spying(search: Any, *others: Any) -> dict[str, float]:
+        seen.append(search.samples)
+        return scan(search, *others)
+
+    monkeypatch.setattr(starting, "_scan_widths", spying)
+    time = np.arange(60_000) / 1000.0
+    turns = np.linspace(0.0, time[-1], 2 * sweeps + 1)
+    drive = np.interp(time, turns, np.resize([0.0, 60.0], turns.size))
+    fit = po.solve(po.Identification(STILL, record(STILL, TRUTH, time, drive, noise=2e-9)))
+    assert seen == [searched]
+    assert fit.rms == pytest.approx(2e-9, rel=0.02)
+    assert fit.values["bouc_wen.beta"] == pytest.approx(TRUTH["bouc_wen.beta"], rel=0.02)
+
+
 def test_a_line_needs_no_search() -> None:
     time, drive = loops(50)
     measured = po.Measurement(time, drive, 1.5e-7 * drive - 4e-7)

@@ -68,9 +68,10 @@ def _far(values: FloatArray, judged: BoolArray) -> BoolArray:
     """(N,) mask of the values beyond the first wide gap in the distances from the median."""
     middle = float(np.median(values[judged]))
     off = np.abs(values - middle)
-    order = np.sort(off[judged])
-    most = int((1.0 - _MOST) * order.size)
-    near, next_ = order[most:-1], order[most + 1 :]
+    counted = off[judged]
+    most = int((1.0 - _MOST) * counted.size)
+    order = np.sort(np.partition(counted, most)[most:])
+    near, next_ = order[:-1], order[1:]
     apart = np.flatnonzero((near > 0.0) & (next_ > _APART * near))
     if apart.size == 0:
         return np.zeros(values.size, dtype=np.bool_)

@@ -25,8 +25,11 @@ def large_moves(values: FloatArray, times: float, most: float) -> tuple[IndexArr
     largest ``most`` (a share) of them.
     """
     size = np.abs(np.diff(values))
-    order = np.argsort(-size, kind="stable")
-    top = order[: max(2, int(most * size.size)) + 1]
+    many = max(2, int(most * size.size))
+    top = np.arange(size.size)
+    if many < size.size - 1:
+        top = np.argpartition(size, size.size - 1 - many)[size.size - 1 - many :]
+    top = top[np.lexsort((top, -size[top]))]
     ranked = size[top]
     ratio = ranked[:-1] / np.maximum(ranked[1:], np.finfo(np.float64).tiny)
     k = int(np.argmax(ratio))
