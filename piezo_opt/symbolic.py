@@ -17,6 +17,8 @@ Expression: TypeAlias = Any
 """A scalar or column of the symbolic engine (or a float); the engine carries no type hints."""
 
 _TINY = 1e-300
+_ROUNDING = 1e-12
+"""Share of two sums by which their rounding may differ: thousands of times a double's last."""
 _BUILDING: Final = RLock()
 _Given = ParamSpec("_Given")
 _Made = TypeVar("_Made")
@@ -134,6 +136,22 @@ def play(before: Expression, value: Expression, radius: Expression) -> Expressio
     """
     pulled_down = ca.if_else(before - value > radius, value + radius, before)
     return ca.if_else(value - before > radius, value - radius, pulled_down)
+
+
+def dragged(
+    before: Expression, value: Expression, rate: Expression, radius: Expression
+) -> Expression:
+    """Play operator whose rate is right from a stretch's first moment on.
+
+    ``play`` with the same value. Where a stretch goes on from the contact in which the last one
+    ended, the operator moves with ``value`` at once; ``before`` differs from there by the rounding
+    of the two samples, which decides nothing here.
+    """
+    touching = radius - _ROUNDING * (ca.fabs(value) + radius)
+    falls = ca.logic_and(rate < 0, before - value >= touching)
+    rises = ca.logic_and(rate > 0, value - before >= touching)
+    pulled_down = ca.if_else(falls, value + radius, play(before, value, radius))
+    return ca.if_else(rises, value - radius, pulled_down)
 
 
 def stack(parts: Sequence[Expression]) -> Expression:

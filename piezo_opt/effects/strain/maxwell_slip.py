@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
-from piezo_opt.symbolic import play, stack, sum_
+from piezo_opt.symbolic import dragged, play, stack, sum_
 
 
 @final
@@ -49,9 +49,9 @@ class MaxwellSlip(Effect):
         for _ in range(k - 1):
             thresholds.append(thresholds[-1] * p.spacing)
         radii = stack(thresholds)
-        dragged = play(x.z, v, radii)
+        followed = dragged(x.z, v, chain.drive.rate, radii)
         return Equations(
-            gives=-p.h / k * sum_((v - dragged) / radii),
-            becomes={"z": dragged},
+            gives=-p.h / k * sum_((v - followed) / radii),
+            becomes={"z": followed},
             starts={"z": play(0.0 * radii, v, radii)},
         )

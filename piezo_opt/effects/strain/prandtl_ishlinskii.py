@@ -7,7 +7,7 @@ from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
 from piezo_opt.errors import ModelError
-from piezo_opt.symbolic import exp, max_, min_, play, stack, sum_
+from piezo_opt.symbolic import dragged, exp, max_, min_, play, stack, sum_
 
 _MOST = 100
 """Largest number of dead zones on a side: a guard against a slip of the keyboard."""
@@ -78,11 +78,11 @@ class PrandtlIshlinskii(Effect):
         v, k = chain.drive.value, self.operators
         radii = stack([p.r * (i + 1) / k for i in range(k)])
         shares = stack([exp(-p.decay * i / k) for i in range(k)])
-        dragged = play(x.z, v, radii)
-        looped = -p.rho / k * sum_(shares * (v - dragged))
+        followed = dragged(x.z, v, chain.drive.rate, radii)
+        looped = -p.rho / k * sum_(shares * (v - followed))
         return Equations(
-            gives=looped + self._bent(sum_(shares * dragged) / sum_(shares), p),
-            becomes={"z": dragged},
+            gives=looped + self._bent(sum_(shares * followed) / sum_(shares), p),
+            becomes={"z": followed},
             starts={"z": play(0.0 * radii, v, radii)},
         )
 

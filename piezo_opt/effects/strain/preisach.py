@@ -9,7 +9,7 @@ from math import log
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
-from piezo_opt.symbolic import exp, play, stack, sum_, tanh
+from piezo_opt.symbolic import dragged, exp, play, stack, sum_, tanh
 
 _PLAYS = 16
 """Plays of the form whose weights are free: their thresholds are then a thirtieth of the drive's
@@ -108,10 +108,10 @@ class Preisach(Effect):
             weights = stack([getattr(p, _weight(i)) for i in range(k)])
         else:
             weights = stack([p.rho / k * exp(-p.decay * i / k) for i in range(k)])
-        dragged = play(x.z, v, radii)
-        bent = tanh((dragged - p.c) / p.b) + tanh(p.c / p.b)
+        followed = dragged(x.z, v, chain.drive.rate, radii)
+        bent = tanh((followed - p.c) / p.b) + tanh(p.c / p.b)
         return Equations(
             gives=p.b * sum_(weights * bent),
-            becomes={"z": dragged},
+            becomes={"z": followed},
             starts={"z": play(p.origin + 0.0 * radii, v, radii)},
         )
