@@ -76,10 +76,10 @@ class Colour:
         order = len(self.coefficients)
         if order == 0:
             return columns
-        taps = np.array([1.0, *(-a for a in self.coefficients)])
-        done = []
-        for part in np.split(columns, np.cumsum(self.lengths)[:-1]):
-            filtered = np.asarray(scipy.signal.lfilter(taps, [1.0], part, axis=0))
-            filtered[:order] = 0.0
-            done.append(filtered)
-        return np.concatenate(done)
+        done = np.zeros(columns.shape)
+        parts = np.cumsum(self.lengths)[:-1]
+        for part, filtered in zip(np.split(columns, parts), np.split(done, parts), strict=True):
+            filtered[order:] = part[order:]
+            for lag, a in enumerate(self.coefficients, 1):
+                filtered[order:] -= a * part[order - lag : part.shape[0] - lag]
+        return done

@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import Final, final
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.base_point import BasePoint
@@ -15,6 +14,7 @@ from piezo_opt.diagnosis.following import follows_drive
 from piezo_opt.diagnosis.slow_noise import correlation
 from piezo_opt.identification import Fit
 from piezo_opt.measurement import Measurement
+from piezo_opt.measurement.spectra import density, frequencies
 from piezo_opt.units import show
 
 FloatArray = NDArray[np.float64]
@@ -168,8 +168,7 @@ def _high_frequency(residual: FloatArray, record: Measurement) -> tuple[float, f
         mad = float(np.median(np.abs(second - np.median(second))))
         return (1.4826 * mad) ** 2 / 6.0, n / 3.0
     length = min(n, max(64, n // 8))
-    f, density = scipy.signal.welch(residual, fs=1.0, nperseg=length)
-    top = density[f > 1.0 / 3.0]
+    top = density(residual, rate=1.0, length=length)[frequencies(length, 1.0) > 1.0 / 3.0]
     # The median of a spectrum averaged over few segments lies below its mean.
     segments = max(1.0, 2.0 * n / length - 1.0)
     bias = (1.0 - 1.0 / (9.0 * segments)) ** 3
