@@ -35,7 +35,7 @@ from piezo_opt.benchmark.jobs import Counted, run_jobs
 from piezo_opt.benchmark.plants import Level
 from piezo_opt.benchmark.refit_everything import refit_everything
 from piezo_opt.benchmark.table import table
-from piezo_opt.diagnosis import diagnose
+from piezo_opt.diagnosis import Stopped, diagnose
 from piezo_opt.diagnosis.judge import Judge
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Ending, Identification, default_model, solve
@@ -448,8 +448,8 @@ def _judge(nothing: None, job: _Job) -> Judged:  # noqa: ARG001
             threads=job.threads,
             advise=False,
         )
-        if found.stopped:
-            # An unfinished search answers with its best so far: that is no row of the table.
+        if found.stopped is Stopped.USER:
+            # A search that was interrupted answers with its best so far: no row of the table.
             raise KeyboardInterrupt
         ended = perf_counter()
         held_out = Judge(test).error(found.final)

@@ -25,7 +25,7 @@ from piezo_opt.diagnosis.evidence import WORTH
 from piezo_opt.diagnosis.search import Effort
 from piezo_opt.effects.catalogue import effect
 from piezo_opt.errors import InputError
-from piezo_opt.identification import Fit, Identification
+from piezo_opt.identification import Identification
 from piezo_opt.measurement import Campaign, Measurement
 from piezo_opt.stopping import TimeLimit
 
@@ -139,7 +139,7 @@ def diagnose(
             withhold=withheld,
             effort=Effort[effort.name],
             worth=worth,
-            max_time=limit.left or _budget(baseline),
+            max_time=limit.left,
             progress=tell,
         )
     typer.echo(str(found))
@@ -173,11 +173,6 @@ def _overruled(
     for name in without:
         model = model.without(name) if name in model else model
     return question if model is question.model else question.with_model(model)
-
-
-def _budget(fit: Fit) -> float:
-    """Wall time [s] that a search may take where nobody has said: long for a hopeless record."""
-    return 60.0 + 2e-3 * sum(record.time.size for record in fit.records)
 
 
 def _judge(later: Campaign | None) -> Measurement | None:

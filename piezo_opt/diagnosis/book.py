@@ -71,6 +71,7 @@ class Book:
         self._choices = choices
         self._threads = threads
         self._fits: dict[Members, Fit] = {self.base: foot}
+        self._ended: dict[Members, Fit] = {}
         self._begun: set[tuple[Members, tuple[tuple[str, float], ...] | None]] = set()
         self._bases: dict[tuple[str, ...], Values | None] = {}
         self._prices: dict[Members, tuple[Fit, Colour, float]] = {}
@@ -109,10 +110,13 @@ class Book:
         return known[2]
 
     def settled(self, members: Members) -> Fit:
-        """The fit of a set, gone on with until it has converged."""
+        """The fit of a set, gone on with until it has converged, as far as it can be simulated."""
         fit = self._fits[members]
-        if not (fit.outcome.success or self.brief or members == self.base):
-            self._went_on(members, fit, _SETTLED)
+        ended = fit.outcome.success or self._ended.get(members) is fit
+        if not (ended or self.brief or members == self.base):
+            with suppress(*NO_FIT):
+                self._went_on(members, fit, _SETTLED)
+            self._ended[members] = self._fits[members]
         return self._fits[members]
 
     def standing(self, members: Members, beside: Fit) -> Fit | None:

@@ -15,7 +15,7 @@ from piezo_opt.diagnosis.judge import Judge, worded
 from piezo_opt.diagnosis.members import law
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.diagnosis.points import Point, points
-from piezo_opt.diagnosis.residue import ABOVE
+from piezo_opt.diagnosis.residue import ABOVE, is_noise
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name
 from piezo_opt.diagnosis.scoring import at_foot
 from piezo_opt.diagnosis.search import Effort, search
@@ -297,8 +297,9 @@ def diagnose(
         effort: how many sets of effects the search may expand.
         worth: the least that an effect must explain of what is left when it is taken out again, to
             bear a name: sqrt(SSR without / SSR with - 1).
-        max_time: seconds after which no more is begun, and the best so far is given; None for no
-            limit. What is being refitted when it passes is finished first.
+        max_time: seconds after which no more is begun, and the best so far is given; unless told a
+            minute and 2 ms a sample, ``math.inf`` for no limit. What is being refitted when it
+            passes is finished first.
         progress: called with sentences about what is going on.
 
     Returns:
@@ -311,18 +312,25 @@ def diagnose(
     """
     if not (math.isfinite(worth) and worth > 0.0):
         raise InputError(f"worth={worth}: give a positive number, such as 0.35")
-    if max_time is not None and not (math.isfinite(max_time) and max_time > 0.0):
-        raise InputError(f"max_time={max_time}: give a positive number of seconds, or None")
+    if max_time is not None and not max_time > 0.0:
+        raise InputError(f"max_time={max_time}: give a positive number of seconds, or math.inf")
     own = {candidate.name for candidate in candidates}
     for name in withhold:
         if name not in own:
             effect(name)
     began = time.monotonic()
-    limit = TimeLimit(max_time)
+    remarks: tuple[str, ...] = ()
+    if not isinstance(fit, Fit | Identification):
+        records = Campaign.of(fit)
+        model, remarks = default_model(records)
+        fit = Identification(model, records)
+    if max_time is None:
+        max_time = _budget(fit if isinstance(fit, Identification) else fit.question)
+    limit = TimeLimit(max_time if math.isfinite(max_time) else None)
     tell = limit.checking(progress if progress is not None else _silent)
     if not isinstance(fit, Fit):
         tell("fitting the base model")
-        fit = _baseline(fit)
+        fit = _baseline(fit, remarks)
     offered = [
         *(
             form
@@ -360,7 +368,7 @@ def diagnose(
         refits=searched.book.refits,
     )
     if searched.interrupted:
-        verdict = found.verdict if answer.steps else "open"
+        verdict = found.verdict if answer.steps or is_noise(final, worth) else "open"
         found = replace(found, verdict=verdict, stopped=_who(limit))
     else:
         try:
@@ -410,13 +418,13 @@ def _with_experiments(
     return replace(found, experiments=planned, invisible=invisible)
 
 
-def _baseline(asked: Identification | Measurement | Iterable[Measurement]) -> Fit:
-    """The fit of a question, or of the default model to records, with what that leaves out."""
-    remarks: tuple[str, ...] = ()
-    if not isinstance(asked, Identification):
-        records = Campaign.of(asked)
-        model, remarks = default_model(records)
-        asked = Identification(model, records)
+def _budget(question: Identification) -> float:
+    """Wall time [s] that a search may take where nobody has said: long for a hopeless record."""
+    return 60.0 + 2e-3 * sum(record.time.size for record in question.campaign.records)
+
+
+def _baseline(asked: Identification, remarks: tuple[str, ...]) -> Fit:
+    """The fit of a question, with what its default model leaves out."""
     fit = solve(asked)
     if fit.outcome.ending is Ending.INTERRUPTED:
         raise KeyboardInterrupt

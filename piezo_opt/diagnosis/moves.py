@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.members import Members, is_law
-from piezo_opt.diagnosis.richer import detailed, in_detail
+from piezo_opt.diagnosis.richer import in_detail
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.errors import ModelError
 from piezo_opt.identification import Fit, Identification
-from piezo_opt.identification.shapes import own
+from piezo_opt.identification.shapes import detail_start, own
 
 FloatArray = NDArray[np.float64]
 
@@ -34,14 +34,17 @@ _SHARES = (0.15, 0.3, 0.5, 0.7)
 def adds(
     at: Members, suspects: Sequence[Suspect], most: int, book: Book, *, fresh: bool = True
 ) -> list[Start]:
-    """The likeliest effects, one at a time.
+    """The likeliest effects, one at a time, each also with the details of its shape free.
 
-    From a fresh start only the likelier form of each: another form is a neighbour of it.
+    What an effect does may show in its details alone: a limit that differs up and down is no limit
+    that is the same. From a fresh start only the likelier form of each: another form is a neighbour
+    of it.
     """
     found, asked = [], set()
     for suspect in _likeliest(suspects, most):
         starts = _joined(at, (suspect,), book)
         found += starts if fresh and suspect.name not in asked else starts[:1]
+        found += [_in_full(start, suspect.effect, book) for start in starts[:1]]
         asked.add(suspect.name)
     return found
 
@@ -88,22 +91,6 @@ def details(fit: Fit, book: Book) -> list[Start]:
         Start(Members.of(question, book.question), dict(start))
         for question, start in in_detail(fit)
     ]
-
-
-def shaped(at: Members, most: int, book: Book) -> list[Start]:
-    """The best sets of one effect more, with the details of that effect free.
-
-    What an effect does may show in its details alone: a limit that differs up and down is no limit
-    that is the same.
-    """
-    more = [m for m in book.leading if m.base == at.base and {*at.names} < {*m.names}]
-    found = []
-    for members in [m for m in more if len(m.names) == len(at.names) + 1][:most]:
-        (newcomer,) = {*members.names} - {*at.names}
-        richer = detailed(book[members], newcomer)
-        if richer is not None:
-            found.append(Start(Members.of(richer[0], book.question), dict(richer[1])))
-    return found
 
 
 def still(at: Members, fit: Fit, foot: Identification) -> list[Start]:
@@ -181,7 +168,10 @@ def less(at: Members, fit: Fit) -> Iterator[tuple[str, Start]]:
 
 
 def _joined(at: Members, suspects: Sequence[Suspect], book: Book) -> list[Start]:
-    """A set with effects at their one-step sizes, and from a fresh start."""
+    """A set with effects at their one-step sizes, and from a fresh start.
+
+    Another hysteresis law than the foot's has no fresh start: it begins at the widths of `laws`.
+    """
     foot = suspects[0].base  # with the mechanics on which they were scored
     members = Members.of(foot.question, book.question)
     members = replace(members, effects=at.effects)
@@ -191,7 +181,18 @@ def _joined(at: Members, suspects: Sequence[Suspect], book: Book) -> list[Start]
         values |= _begun(suspect)
     if not _allowed(members):
         return []
-    return [Start(members, values), Start(members, None)]
+    begun = Start(members, values)
+    return [begun, Start(members, None)] if members.law == book.base.law else [begun]
+
+
+def _in_full(start: Start, effect: Effect, book: Book) -> Start:
+    """A start with the details of an effect's shape free."""
+    record = book.question.campaign.records[0]
+    details = {
+        f"{effect.name}.{k}": detail_start(effect.parameters[k], record) for k in effect.details
+    }
+    free = tuple(sorted({*start.members.free, *details}))
+    return Start(replace(start.members, free=free), {**details, **(start.values or {})})
 
 
 def _begun(suspect: Suspect) -> Mapping[str, float]:

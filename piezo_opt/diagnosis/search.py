@@ -1,7 +1,7 @@
 """One search over sets of effects: expand the most promising set until no neighbour is better.
 
     at the best sets that were not expanded yet, one after the other:
-        take each effect out: a set that can do without one of them is not expanded
+        take each effect out: where one is not missed, the set without it is expanded in its place
         score every absent effect, and every pair of them, by one Gauss-Newton step on all data
         fit the neighbours: the likeliest more, one less, one in the place of another
     until no neighbour betters the best sets, or the best one leaves only noise
@@ -19,7 +19,7 @@ from typing import final
 from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.evidence import worth
 from piezo_opt.diagnosis.members import Hypothesis, Members
-from piezo_opt.diagnosis.moves import adds, details, imitations, laws, less, pairs, shaped, still
+from piezo_opt.diagnosis.moves import adds, details, imitations, laws, less, pairs, still
 from piezo_opt.diagnosis.residue import is_noise
 from piezo_opt.diagnosis.scores import Suspect, Unscored
 from piezo_opt.diagnosis.scoring import scored
@@ -113,15 +113,19 @@ def search(
         with limit:
             tried, before = 0, foot
             while len(expanded) < effort.expansions and tried < effort.beam:
-                promising = [m for m in book.leading if m.hypothesis not in spare]
+                promising = [
+                    m for m in book.leading if m.hypothesis not in spare and _pays(book, m)
+                ]  # fmt: skip
                 at = next((m for m in promising[: effort.beam] if ahead(m)), None)
                 if at is None:
                     break
-                fit = book.settled(at)
-                if _lightened(book, at, fit, least):
+                while (lighter := _lightened(book, at, least)) is not None:
                     spare.add(at.hypothesis)
+                    at = lighter
+                if not ahead(at):
                     continue
-                done = is_noise(fit)
+                fit = book.settled(at)
+                done = is_noise(fit, least)
                 expanded[at.hypothesis] = fit
                 tell(f"{_named(at)} leaves {show(fit.rms, 'm')}; fitting its neighbours")
                 near, lacking = scored(fit, offered, threads, book.colour)
@@ -130,10 +134,9 @@ def search(
                 starts = _grown(book, at, near, effort, done=done)
                 starts += _exchanged(book, at, offered, effort, threads)
                 # Laws have more numbers than an effect and come to their own later: all go on.
-                if at == book.best and not done:
+                if at.law == book.base.law and not done:
                     book.race(laws(at, fit, withheld), kept=1)
                 book.race(starts)
-                book.race(shaped(at, effort.near, book))
                 if done and book.best == at:
                     break
                 best = book[book.best]
@@ -146,14 +149,22 @@ def search(
     return Searched(book, suspects, unscored, False)
 
 
-def _lightened(book: Book, at: Members, fit: Fit, least: float) -> bool:
-    """Whether a set can do without one of its effects; each is taken out in turn."""
+def _pays(book: Book, members: Members) -> bool:
+    """Whether the criterion is for each effect of a set, where the set without it was fitted."""
+    fewer = (members.without(name) for name in members.names)
+    return all(book.price(members) < book.price(less) for less in fewer if less in book)
+
+
+def _lightened(book: Book, at: Members, least: float) -> Members | None:
+    """The best set of one effect less where the one that goes is not missed, else None."""
+    fit = book.settled(at)
     fewer = [start for _, start in less(at, fit)]
     book.race(fewer)
-    return any(
-        worth(book[start.members], fit, book.colour) < least
-        for start in fewer if start.members in book
-    )  # fmt: skip
+    able = [
+        start.members for start in fewer
+        if start.members in book and worth(book[start.members], fit, book.colour) < least
+    ]  # fmt: skip
+    return min(able, key=book.price, default=None)
 
 
 def _grown(
@@ -161,10 +172,11 @@ def _grown(
 ) -> list[Start]:
     """One member more, or two.
 
-    At the foot every effect is asked, because its fit is bent most by what is missing. Where only
-    noise is left, few have to be, and no pairs.
+    Beside the foot's law without effects each is asked, because its fit is bent most by what is
+    missing; laws that took its place have the freedom not to be. Where only noise is left, few have
+    to be, and no pairs.
     """
-    everybody = at == book.base and not done
+    everybody = not at.effects and at.law == book.base.law and not done
     most = len({s.name for s in near}) if everybody else effort.near
     starts = [*adds(at, near, most, book), *details(book[at], book)]
     if done:

@@ -13,7 +13,18 @@ import pytest
 import piezo_opt as po
 from piezo_opt.diagnosis import Diagnosis, diagnose
 from piezo_opt.diagnosis.members import Members
-from piezo_opt.effects import Creep, DeadZone, Effect, Offset, PiezoGain, Saturation, SlewLimit
+from piezo_opt.diagnosis.noise import noise_floor
+from piezo_opt.diagnosis.residue import is_noise
+from piezo_opt.effects import (
+    Creep,
+    CubicStiffness,
+    DeadZone,
+    Effect,
+    Offset,
+    PiezoGain,
+    Saturation,
+    SlewLimit,
+)  # fmt: skip
 from piezo_opt.effects.base import Chain, Equations, Parameter, Place
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.measurement import FloatArray
@@ -193,6 +204,30 @@ def test_a_limited_rate_may_be_another_downwards() -> None:
     rate, fall = (found.final.values[f"slew_limit.{k}"] for k in ("rate", "fall"))
     assert rate == pytest.approx(1500.0, rel=0.03)
     assert rate * fall == pytest.approx(3750.0, rel=0.03)
+
+
+def test_what_shows_in_a_detail_alone_is_found() -> None:
+    """A guide unstrained in the middle of the stroke: about zero its cube is another one."""
+    time = clock(1500)
+    own = {"k3": 3e15, "x0": 3.6e-6}
+    record = measured(MOVING, time, rich(time), (CubicStiffness(), own))
+    rivals = ("cubic_stiffness", "hysteretic_force", "creep", "nonlinear_gain", "friction")
+    found = diagnose(record, advise=False, withhold=but(*rivals))
+    assert [step.name for step in found.steps] == ["cubic_stiffness"]
+    assert found.final.values["cubic_stiffness.x0"] == pytest.approx(3.6e-6, rel=0.02)
+    assert found.final.rms == pytest.approx(NOISE, rel=0.05)
+
+
+def test_a_third_more_than_the_noise_is_no_noise() -> None:
+    """What could bear a name is looked for, also where half of what is left is the noise."""
+    time = clock(2000)
+    white = NOISE * np.random.default_rng(3).normal(size=time.size)
+    hum = 0.83 * np.sqrt(2.0) * NOISE * np.sin(2.0 * np.pi * 37.0 * time)
+    record = measured(STILL, time, rich(time), noise=white + hum)
+    fit = po.solve(po.Identification(STILL, record))
+    assert fit.rms == pytest.approx(1.3 * noise_floor(fit).rms, rel=0.08)
+    assert not is_noise(fit, 0.35)
+    assert is_noise(fit, 1.0)
 
 
 def test_two_effects_of_ones_own_each_keep_their_equations() -> None:

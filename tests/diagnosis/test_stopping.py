@@ -68,11 +68,10 @@ def test_a_process_in_the_background_is_deaf_to_interrupts_and_limited_all_the_s
 
 
 def test_what_was_accepted_before_an_interrupt_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(_: Book, at: Members, *__: object) -> bool:
+    def interrupted(_: Book, at: Members, *__: object) -> None:
         """After the base model's neighbours were fitted, before the best of them is expanded."""
         if at.effects:
             raise KeyboardInterrupt
-        return False
 
     monkeypatch.setattr(search, "_lightened", interrupted)
     train, test = hidden_effect.data().split(hidden_effect.SPLIT)
