@@ -110,7 +110,11 @@ def still(at: Members, fit: Fit, foot: Identification) -> list[Start]:
 
 
 def laws(at: Members, fit: Fit, withheld: Sequence[str]) -> list[Start]:
-    """Other hysteresis laws in the place of the base model's own, from several widths."""
+    """Other hysteresis laws in the place of the base model's own, from several widths.
+
+    Each begins with its details free: where a loop that remembers its turns was reached from is one
+    of them, and without it no density fits. Those that do not pay for themselves go at the end.
+    """
     own_law = at.law
     if own_law is None:
         return []
@@ -120,16 +124,14 @@ def laws(at: Members, fit: Fit, withheld: Sequence[str]) -> list[Start]:
     for law in hysteresis_laws(withheld):
         if law == at.base[own_law]:
             continue
-        base = at.base.replaced(own_law, law)
-        free = tuple(k for k in at.free if k.split(".")[0] != own_law)
-        plain = replace(at, base=base, free=free)
-        own = _details(law)
-        detailed_ = replace(plain, free=tuple(sorted((*free, *own))))
+        details = {f"{law.name}.{k}": detail_start(law.parameters[k], record) for k in law.details}
+        rest = (k for k in at.free if k.split(".")[0] != own_law)
+        free = tuple(sorted((*rest, *details)))
+        members = replace(at, base=at.base.replaced(own_law, law), free=free)
+        own = {**details, **_begins(law, record.drive)}
         for begun in _laws_starts(law, record.drive):
-            found.append(Start(plain, {**kept, **begun}))
-            if own:
-                found.append(Start(detailed_, {**kept, **begun, **_begins(law, record.drive)}))
-        found.append(Start(plain, None))
+            found.append(Start(members, {**kept, **own, **begun}))
+        found.append(Start(members, None))
     return found
 
 
@@ -248,10 +250,6 @@ def _laws_starts(law: Effect, drive: FloatArray) -> list[dict[str, float]]:
         {name: share * (high - low) if wide else 0.5 * (low + high) for name, wide in volts.items()}
         for share in _SHARES
     ]
-
-
-def _details(law: Effect) -> tuple[str, ...]:
-    return tuple(f"{law.name}.{name}" for name in law.details)
 
 
 def _begins(law: Effect, drive: FloatArray) -> dict[str, float]:
