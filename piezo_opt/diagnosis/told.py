@@ -281,4 +281,4 @@ def _rivals(book: Book, best: Members, judge: Judge) -> tuple[Rival, ...]:
         without = tuple(n for n in best.names if n not in members.names)
         error = judge.error(book[members])
         found.append(Rival(law, book[members].rms, error, gain, gain > RESOLUTION, without))
-    return tuple(sorted(found, key=lambda r: r.rms))
+    return tuple(sorted(found, key=lambda r: -r.delta_bic))
