@@ -13,7 +13,7 @@ from piezo_opt.identification import (
     solve,
 )
 
-_CLOSE = 1e-5
+CLOSE = 1e-5
 """Decrease of the cost in one iteration at which a refit ends: with ten thousand samples a tenth
 of what one number more costs (ln N) in the criterion."""
 
@@ -33,7 +33,7 @@ def refit(
         KeyboardInterrupt: somebody interrupted it; the search ends, not only this fit.
         ModelError, InputError, ArithmeticError: there is no such fit.
     """
-    solver = LevenbergMarquardt(iterations=iterations, tolerance=_CLOSE)
+    solver = LevenbergMarquardt(iterations=iterations, tolerance=CLOSE)
     coarse = SingleShooting(refine=False, mend=float("inf") if mend else 0.0)
     fit = solve(question, start=start, solver=solver, transcription=coarse, statistics=False)
     if fit.outcome.ending is Ending.INTERRUPTED:

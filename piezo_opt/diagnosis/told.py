@@ -10,6 +10,8 @@ from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.evidence import RESOLUTION, remaining, worth
 from piezo_opt.diagnosis.judge import Judge
 from piezo_opt.diagnosis.members import Members
+from piezo_opt.diagnosis.moves import still
+from piezo_opt.diagnosis.refit import CLOSE
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.effects.base import Effect
 from piezo_opt.identification import Fit, with_statistics
@@ -180,12 +182,22 @@ def _fewer(book: Book, best: Members) -> list[Members]:
 
 
 def _lean(book: Book, best: Members) -> Members:
-    """The set without the details that do not pay for themselves."""
+    """The set without the details that do not pay for themselves, or mechanics that do nothing.
+
+    A spring on which forces had been asked adds no number: without it the criterion is the same, as
+    far as refits are.
+    """
     for name in best.free:
         less = Members(best.base, best.effects, tuple(k for k in best.free if k != name))
         if less not in book:
             book.race([Start(less, dict(book[best].values))])
         if less in book and book.price(less) < book.price(best):
+            return less
+    same = CLOSE * book[best].residuals.size
+    for start in still(best, book[best], book.question)[:1]:
+        book.race([start])
+        less = start.members
+        if less in book and book.price(less) < book.price(best) + same:
             return less
     return best
 
