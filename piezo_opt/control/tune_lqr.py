@@ -43,26 +43,10 @@ def tune_lqr(
     exact: a Lyapunov equation gives the slope of Riccati's solution.
 
     Args:
-        plant: a fit, the JSON of one, or a model with ``values``. A delay in it is rounded up to
-            whole periods.
-        reference: (N,) [m], one value a period, or several of them; a measured record's position
-            will do.
-        period: of the sampling [s]; that of the record unless given.
-        values: SI values by full name, which go before those of the plant.
-        limits: of the drive.
-        delay: whole periods that computing takes.
-        criterion: "iae", "ise" or "itae".
-        effort: weight of the drive's moves.
-        overshoot: most of it, as a share of each reference's last step.
-        drive: highest drive that is used [V], below the limit at which it is cut off.
-        peak: largest sensitivity peak of the linearised loop; None for none.
-        scenarios: draws from the fit's covariance over which cost and constraints are taken; 0 for
-            the fit's own values alone.
-        seed: of the draws, and of the noise.
-        noise: standard deviation of the sensor [m].
-        disturbance: added to the position [m], (N,) or one value.
-        at: drive around which the loop is linearised for the peak [V].
-        progress: told how it goes.
+        plant, reference, period, values, limits, delay, criterion, effort, overshoot, drive,
+        scenarios, seed, noise, disturbance, at, progress: as :func:`tune_pid` has them.
+        peak: largest sensitivity peak of the linearised loop; None for none. Beyond 1.6 margins are
+            still fine, and a loop that has met the limits of its drive may swing for ever.
 
     Raises:
         InputError: references that are none, a plant without response, a state that the reading

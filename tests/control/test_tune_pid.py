@@ -158,7 +158,7 @@ def test_robustness_is_calibrated(fit: po.Fit) -> None:
     asked = Asked(
         (step,), PERIOD, WIDE, 0, Criterion.IAE, 0.0, 0.02, None, 1.6, 0.0, 0.0, 1, 0.0
     )  # fmt: skip
-    fresh = scenarios(fit, 500, seed=77)
+    fresh = scenarios(fit, 2000, seed=77)
     numbers = identified(fit).numbers
     fresh_numbers = [identified(fit, f).numbers for f in fresh]
     program = LoopProgram(fit.model, numbers, fresh_numbers, asked, PIDFamily)

@@ -1,0 +1,66 @@
+"""What the commands share that tune a controller in its loop: a goal, and the way to the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, final
+
+import typer
+
+from piezo_opt.cli.telling import telling
+from piezo_opt.cli.tuning import Loop, Reference, Result, asked, described
+
+if TYPE_CHECKING:
+    from piezo_opt.control import Tuned
+
+
+class Goal(Enum):
+    """What is made small."""
+
+    IAE, ISE, ITAE = "iae", "ise", "itae"
+
+
+@final
+@dataclass(frozen=True)
+class Aim:
+    """What is made small, and what bounds it."""
+
+    criterion: Annotated[
+        Goal, typer.Option(help="Integral of |e|, of e^2, or of t |e|, to be made small.")
+    ] = Goal.IAE
+    effort: Annotated[
+        float, typer.Option(min=0.0, metavar="W", help="Weight of the drive's moves.")
+    ] = 0.0
+    overshoot: Annotated[
+        float | None, typer.Option(min=0.0, metavar="0.02", help="Most of it, of the last step.")
+    ] = None
+
+
+Peak: TypeAlias = Annotated[
+    float, typer.Option(min=1.05, metavar="2", help="Highest sensitivity: less is more robust.")
+]
+
+
+def tuned_loop(
+    name: str, design: Callable[..., Tuned[Any]], fit: Path, reference: Reference, loop: Loop,
+    result: Result, aim: Aim, peak: float,
+) -> None:  # fmt: skip
+    """Tune a controller, say what it is, and write what was asked for."""
+    from piezo_opt.report.control import loops
+
+    result.check(fit, reference.reference)
+    what = asked(fit, reference, loop)
+    with telling(name) as tell:
+        found = design(
+            what.actuator, what.reference, period=what.period, limits=what.limits,
+            delay=loop.delay, noise=what.noise, criterion=aim.criterion.value, effort=aim.effort,
+            overshoot=aim.overshoot, peak=peak, scenarios=loop.scenarios, seed=loop.seed,
+            progress=tell,
+        )  # fmt: skip
+    result.deliver(
+        f"For {what.told}:\n{found}", {**found.to_dict(), **described(what, fit)},
+        None if result.picture is None else loops(found.loops, name, what.limits),
+    )  # fmt: skip
