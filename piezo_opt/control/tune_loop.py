@@ -32,6 +32,9 @@ SLACK = 0.05
 """Of what the drive reaches: a reference that goes no further is followed but for its ends."""
 SHAKEN, CALMED = 60, 600
 """Samples of a fault of the sensor, and after it, by which a loop is tried."""
+FOLLOWED = 0.5
+"""Of a reference's span, what a drive at its slew rate must cover: a step need not be followed at
+once, but what covers less is no following."""
 FAR_OFF = 3.0
 """Times the range that the drive reaches: an error beyond is none of the actuator's."""
 _APART = 1_000_003
@@ -245,7 +248,25 @@ def _reachable(model: Model, numbers: Values, asked: Asked) -> float:
                 f"{limits.high:g} V reach {show(found.low, 'm')} to {show(found.high, 'm')}: ask "
                 "for less, or widen the limits."
             )
+        _refuse_too_slow(one, (found.high - found.low) / (limits.high - limits.low), asked)
     return found.high - found.low
+
+
+def _refuse_too_slow(reference: FloatArray, gain: float, asked: Asked) -> None:
+    """Refuse a reference of which a drive at its slew rate covers hardly anything."""
+    most = asked.limits.slew * asked.period * gain
+    if not np.isfinite(most):
+        return
+    at, low, high = reference[0], reference[0], reference[0]
+    for goal in reference.tolist():
+        at += min(max(goal - at, -most), most)
+        low, high = min(low, at), max(high, at)
+    if high - low < FOLLOWED * np.ptp(reference):
+        raise InputError(
+            f"The reference moves through {show(float(np.ptp(reference)), 'm')}, and at "
+            f"{show(asked.limits.slew, 'V/s')} the drive covers only {show(high - low, 'm')} of "
+            "it: ask for a slower reference, or allow a faster drive."
+        )
 
 
 def tune(

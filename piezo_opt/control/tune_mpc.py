@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, final
 
@@ -161,13 +161,15 @@ def tune_mpc(
         progress: told how it goes.
 
     Raises:
-        InputError: references that are none or that the limits do not reach, or a delay as long as
-            the horizon.
+        InputError: references that are none or that the limits or the stroke do not reach, or a
+            delay as long as the horizon.
     """
     what = task(
         plant, reference, period=period, values=values, limits=limits, delay=delay, seed=seed,
         scenarios=scenarios, noise=noise,
     )  # fmt: skip
+    if stroke is not None and stroke[0] < stroke[1]:
+        _refuse_beyond(what.asked.references, stroke)
     search = _Search(what, stroke, preview, progress)
     given = (horizon,) if horizon is not None else tuple(
         n for n in _HORIZONS if n > what.asked.delay
@@ -188,6 +190,16 @@ def tune_mpc(
         )},
     )  # fmt: skip
     return search.told(length, errors)
+
+
+def _refuse_beyond(references: Sequence[FloatArray], stroke: tuple[float, float]) -> None:
+    for one in references:
+        if one.min() < stroke[0] or one.max() > stroke[1]:
+            raise InputError(
+                f"The reference goes from {show(float(one.min()), 'm')} to "
+                f"{show(float(one.max()), 'm')}, and the stroke allows {show(stroke[0], 'm')} to "
+                f"{show(stroke[1], 'm')}: ask for less, or allow more."
+            )
 
 
 @final

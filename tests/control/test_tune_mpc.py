@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -38,3 +41,17 @@ def test_what_cannot_be_is_said_at_design_time() -> None:
         po.tune_mpc(STAGE, SAW, stroke=(1e-6, 0.0), **asked)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="asks for nothing"):
         po.tune_mpc(STAGE, np.zeros(50), **asked)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="the stroke allows 0 m to 4 um"):
+        po.tune_mpc(STAGE, SAW, stroke=(0.0, 4e-6), **asked)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("design", [po.tune_pid, po.tune_lqr, po.tune_mpc, po.optimal_feedforward])
+def test_limits_that_a_reference_cannot_be_followed_in_are_said_at_design_time(
+    design: Callable[..., Any],
+) -> None:
+    asked = {"period": PERIOD, "values": VALUES}
+    with pytest.raises(InputError, match="to 24 um, and the drive's limits of -5 V and 42 V reach"):
+        design(STAGE, 4.0 * SAW, limits=LIMITS, **asked)
+    # 100 V/s take the drive 5 V along in half a period of 50 ms, a few per cent of the way.
+    with pytest.raises(InputError, match="at 100 V/s the drive covers only"):
+        design(STAGE, SAW, limits=po.Limits(-5.0, 42.0, 100.0), **asked)
