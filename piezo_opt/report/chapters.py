@@ -94,6 +94,7 @@ def _judged(judged: Judged) -> list[Block]:
     return [
         *blocks,
         Folded("The model's equations", (Listing(str(fit.model)),)),
+        *way_of(fit),
         Folded("Further measures of the error, and the run", (Table(table), *_run(fit))),
     ]
 
@@ -213,8 +214,9 @@ def pictures_of_error(entries: tuple[Entry, ...], record: int) -> list[Block]:
         *(
             (
                 figures.correlations(entry, record),
-                (f"{entry.label}. " if len(entries) > 1 else "")
-                + "Residual test: noise stays inside the band.",
+                "Correlation of the error with itself and with the drive"
+                + (f", {entry.label}" if len(entries) > 1 else "")
+                + ": that of noise stays inside the band.",
             )
             for entry in entries
         ),
@@ -240,12 +242,21 @@ def values_of(fit: Fit) -> list[Block]:
     drawn = (
         (
             figures.estimates(fit),
-            "The shorter the bar, the better the record knows the value; red reaches past zero.",
+            "The shorter the bar, the better the record knows the value. An orange bar reaches "
+            "past zero: not even the sign is known.",
         ),
-        (figures.trajectories(fit), "How the solver came there: every unknown by iteration."),
         (figures.multi_start(fit), "Starts that end at the same height found the same optimum."),
     )
     return [*blocks, *(Picture(f, caption) for f, caption in drawn if f is not None)]
+
+
+def way_of(fit: Fit) -> list[Block]:
+    """How the solver came to a fit, for those who ask."""
+    drawn = figures.trajectories(fit)
+    if drawn is None:
+        return []
+    shown = Picture(drawn, "Every unknown by iteration, and the error.")
+    return [Folded("The way of the solver", (shown,))]
 
 
 def _row(fit: Fit, name: str) -> tuple[str, str, str, str, str]:

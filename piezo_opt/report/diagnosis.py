@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from piezo_opt.comparison import Entry, compare
 from piezo_opt.diagnosis import Diagnosis
 from piezo_opt.diagnosis.judge import worded
@@ -15,6 +17,7 @@ from piezo_opt.report.chapters import (
     pictures_of_error,
     records_of,
     values_of,
+    way_of,
 )
 from piezo_opt.report.page import (
     Block,
@@ -31,13 +34,20 @@ from piezo_opt.units import show
 
 _BLIND = 0.05
 """Visibility below which the fitted parameters hide an effect almost wholly."""
+_TOLD: Final = {
+    "complete": "nothing is missing",
+    "missing": "an effect is missing",
+    "unexplained": "no effect explains the error",
+    "open": "not finished",
+}
+"""Verdicts in words."""
 
 
 @chapter.register
 def _diagnosis(diagnosis: Diagnosis) -> list[Block]:
     entries = _before_and_after(diagnosis)
     return [
-        Heading(f"Diagnosis of {named(diagnosis.fit.records)}: {diagnosis.verdict}"),
+        Heading(f"Diagnosis of {named(diagnosis.fit.records)}: {_TOLD[diagnosis.verdict]}"),
         Lead(diagnosis.headline, good=diagnosis.verdict != "unexplained"),
         Text(f"{diagnosis.noise.sentence} {diagnosis.held_out}".strip(), quiet=True),
         *_ladder(diagnosis),
@@ -102,9 +112,9 @@ def _suspects(diagnosis: Diagnosis) -> list[Block]:
         Heading("Which effect is missing", 3),
         Picture(
             shown,
-            "Left: what each absent effect, alone, would explain of the error. Right: how much of "
-            "its trace is left once the fitted parameters have explained their share; what is "
-            "not visible cannot be told from them.",
+            "Left: what each absent effect, alone, would explain of the error. Right: how visible "
+            "it is in this record, the share of its influence on the reading that no fitted "
+            "parameter can imitate, and effects whose influence looks alike.",
         ),
         Table(
             (
@@ -117,6 +127,11 @@ def _suspects(diagnosis: Diagnosis) -> list[Block]:
                 ("alike", tuple(_alike(s.overlaps) for s in found)),
             ),
             prose=("what it is", "alike"),
+        ),
+        Text(
+            "By chance: how likely noise alone explains as much. Alike: effects whose influence "
+            "on the reading has nearly the same shape; 1.00 is the same.",
+            quiet=True,
         ),
     ]
 
@@ -140,9 +155,9 @@ def _ladder(diagnosis: Diagnosis) -> list[Block]:
         Heading("The ladder", 3),
         Picture(
             shown,
-            "Each point is a refit of the whole model to all data; the dashed line is the error "
-            "where it was not fitted. The band is the noise floor with its 95 % range, below which "
-            "there is nothing to explain.",
+            "Blue: the error of the whole model, refitted with each effect that is added. Orange: "
+            "on data that were not fitted. Green: the noise, with its 95 % range; below it there "
+            "is nothing to explain.",
         ),
     ]
     table = Table(
@@ -224,6 +239,7 @@ def _final(diagnosis: Diagnosis) -> list[Block]:
     return [
         Heading("What the final model's numbers are", 3),
         *values_of(diagnosis.final),
+        *way_of(diagnosis.final),
         Folded("The final model's equations", (Listing(str(diagnosis.final.model)),)),
     ]
 

@@ -131,7 +131,9 @@ def test_names_what_is_missing_and_writes_it_down(parts: tuple[Path, Path], tmp_
     again = run("simulate", train, "--model", out, "--out", tmp_path / "simulated.csv")
     assert again.exit_code == 0, again.output
     assert read_model(out).values["creep.c"] == step["parameters"]["creep.c"]["value"]
-    assert re.search("<h1>Diagnosis of [^<]+: missing</h1>", page.read_text(encoding="utf-8"))
+    assert re.search(
+        "<h1>Diagnosis of [^<]+: an effect is missing</h1>", page.read_text(encoding="utf-8")
+    )
 
 
 def test_mechanics_that_were_found_are_not_said_to_be_unseen(

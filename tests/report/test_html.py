@@ -92,8 +92,9 @@ def test_it_says_what_an_engineer_asks(text: str, fit: Fit) -> None:
     folded = [k.start() for k in re.finditer("<details><summary>", text)]
     assert list(first) == sorted(first)
     assert first[1] < text.index(">The record")
-    assert len(folded) == 2
-    assert folded[0] < text.index("<pre>") < folded[1] < text.index("iterations</td>")
+    assert len(folded) == 3
+    assert folded[0] < text.index("<pre>") < folded[1] < text.index("by iteration") < folded[2]
+    assert folded[2] < text.index("iterations</td>")
     for sentence in (*fit.blind[:1], "The reading comes in steps of 172.5 nm"):
         assert sentence.split(" (")[0] in text
     assert "bouc_wen.alpha</td><td>80.4" in text
