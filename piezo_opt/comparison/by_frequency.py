@@ -170,7 +170,13 @@ def _tone(misfit: Misfit, spectra: ByFrequency, drive: FloatArray, independent: 
     main = _line(misfit, misfit.drive, main, spectra)
     order = round(centre / main)
     share = float(drive.max() / drive.sum())
-    if 2 <= order <= _HARMONICS and share > 0.2 and abs(centre - order * main) < spectra.resolution:
+    beside = float(scipy.ndimage.median_filter(drive, size=wide, mode="nearest")[peak])
+    # Below that a drive's spectrum is rounding.
+    if drive[flanks].max() > limit * max(beside, 1e-12 * float(drive.max())):
+        text += ", where the drive has a line of its own"
+    elif (
+        2 <= order <= _HARMONICS and share > 0.2 and abs(centre - order * main) < spectra.resolution
+    ):
         text += f", {order} times the drive's {brief(float(main), 'Hz')}"
     elif abs(centre - 50.0) < spectra.resolution < 5.0 or (
         abs(centre - 60.0) < spectra.resolution < 5.0

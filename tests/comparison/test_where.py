@@ -90,6 +90,17 @@ def test_a_harmonic_of_the_drive_is_named() -> None:
     assert "3 times the drive's 20 Hz" in where(Misfit(record, model)).by_frequency.sentence
 
 
+def test_a_line_that_the_drive_has_itself_is_no_harmonic() -> None:
+    """A drive of 20 and 60 Hz: 60 Hz is not made of 20 Hz by what the model lacks."""
+    sine, third = (np.sin(2 * np.pi * f * TIME) for f in (20.0, 60.0))
+    drive = 50.0 * sine + 10.0 * third
+    noise = NOISE * np.random.default_rng(1).normal(size=TIME.size)
+    record = Measurement(time=TIME, drive=drive, position=1e-7 * drive + 3e-8 * third + noise)
+    said = where(Misfit(record, 1e-7 * drive)).by_frequency.sentence
+    assert "60 Hz, where the drive has a line of its own" in said
+    assert "times the drive's" not in said
+
+
 def test_a_wrong_gain_follows_the_drive() -> None:
     found = where(planted("wandering", lambda _, v: 2e-8 * (v - v.mean()))).by_frequency
     assert found.coherent_share > 0.8
