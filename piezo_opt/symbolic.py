@@ -143,9 +143,10 @@ def dragged(
 ) -> Expression:
     """Play operator whose rate is right from a stretch's first moment on.
 
-    ``play`` with the same value. Where a stretch goes on from the contact in which the last one
-    ended, the operator moves with ``value`` at once; ``before`` differs from there by the rounding
-    of the two samples, which decides nothing here.
+    ``play`` with the same value, for what an effect gives; what a state becomes needs no rate.
+    Where a stretch goes on from the contact in which the last one ended, the operator moves with
+    ``value`` at once; ``before`` differs from there by the rounding of the two samples, which
+    decides nothing here.
     """
     touching = radius - _ROUNDING * (ca.fabs(value) + radius)
     falls = ca.logic_and(rate < 0, before - value >= touching)

@@ -531,7 +531,8 @@ def _verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "missing":
         return f"Missing: {names}{exchanged}. The error falls from {before} to {after}."
     with_ = f"with {names}{exchanged}" if names else exchanged.removeprefix(", ")
-    fell = f"{with_} the error falls from {before} to {after}, but " if with_ else ""
+    way = "falls" if diagnosis.final.rms < diagnosis.fit.rms else "goes"
+    fell = f"{with_} the error {way} from {before} to {after}, but " if with_ else ""
     found = fell[:1].upper() + fell[1:]
     if diagnosis.structure.only_elsewhere and diagnosis.unexplained is None:
         return f"Unexplained: {found}the record that is judged on is not predicted as well."

@@ -2,18 +2,39 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any, final
+
 import numpy as np
 import pytest
 
 import piezo_opt as po
 from piezo_opt.effects import Effect, Model, Offset, PiezoGain, Spring
+from piezo_opt.effects.base import Chain, Equations, Parameter, Place
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.measurement import FloatArray
 
+LAWS = [CATALOGUE[name]() for name in ("maxwell_slip", "prandtl_ishlinskii", "preisach")]
 
-@pytest.mark.parametrize(
-    "law", [CATALOGUE[n]() for n in ("maxwell_slip", "prandtl_ishlinskii", "preisach")], ids=repr
-)
+
+@final
+@dataclass(frozen=True)
+class Added(Effect):
+    """A recorded voltage that adds to the drive.
+
+    v = u + gain c
+    """
+
+    place = Place.INPUT
+    requires = ("channel:added",)
+    gain = Parameter("1", "gain", nominal=0.0, null=0.0)
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """The outgoing drive."""
+        return Equations(gives=chain.incoming.value + p.gain * chain.channels["added"].value)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=repr)
 def test_a_spring_without_forces_follows_the_strain(law: Effect) -> None:
     """x = s. The spring moves by the rate of s, which at rest in contact is not that of a turn."""
     time = np.arange(2000) / 1e3
@@ -30,3 +51,18 @@ def test_a_spring_without_forces_follows_the_strain(law: Effect) -> None:
     np.testing.assert_allclose(
         reading(model + Spring()), strain, rtol=0, atol=1e-4 * np.ptp(strain)
     )
+
+
+@pytest.mark.parametrize("law", LAWS, ids=repr)
+def test_a_channel_upstream_of_plays_is_no_obstacle(law: Effect) -> None:
+    """The drive's rate is then that of the channel as well; what the plays become needs none."""
+    time = np.arange(400) / 1e3
+    drive = 50.0 - 50.0 * np.cos(6.0 * np.pi * time)
+    warmer = 10.0 * time / time[-1]
+    record = po.Measurement(time, drive, drive, channels={"added": warmer}, allow_saturated=True)
+    model = PiezoGain() + law + Offset()
+    nominal = {name: p.nominal for name, p in model.parameters.items()}
+    added = po.simulate(model + Added(), record, {**nominal, "added.gain": 1.0}).reading
+    summed = po.Measurement(time, drive + warmer, drive, allow_saturated=True)
+    expected = po.simulate(model, summed, nominal).reading
+    np.testing.assert_allclose(added, expected, rtol=0, atol=1e-9 * np.ptp(expected))

@@ -52,6 +52,6 @@ class MaxwellSlip(Effect):
         followed = dragged(x.z, v, chain.drive.rate, radii)
         return Equations(
             gives=-p.h / k * sum_((v - followed) / radii),
-            becomes={"z": followed},
+            becomes={"z": play(x.z, v, radii)},
             starts={"z": play(0.0 * radii, v, radii)},
         )

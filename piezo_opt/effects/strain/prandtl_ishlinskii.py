@@ -82,7 +82,7 @@ class PrandtlIshlinskii(Effect):
         looped = -p.rho / k * sum_(shares * (v - followed))
         return Equations(
             gives=looped + self._bent(sum_(shares * followed) / sum_(shares), p),
-            becomes={"z": followed},
+            becomes={"z": play(x.z, v, radii)},
             starts={"z": play(0.0 * radii, v, radii)},
         )
 

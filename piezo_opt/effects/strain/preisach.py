@@ -119,7 +119,7 @@ class Preisach(Effect):
         bent = _share(followed, p) - _share(0.0, p)
         return Equations(
             gives=p.b * sum_(weights * bent),
-            becomes={"z": followed},
+            becomes={"z": play(x.z, v, radii)},
             starts={"z": play(p.origin + 0.0 * radii, v, radii)},
         )
 
