@@ -15,6 +15,7 @@ from piezo_opt.benchmark import hidden, plants
 from piezo_opt.benchmark.hidden import HiddenTable, Judged, hidden_bench, measurement
 from piezo_opt.benchmark.plants import CLASSES
 from piezo_opt.benchmark.refit_everything import refit_everything
+from piezo_opt.diagnosis import Stopped
 from piezo_opt.effects import BoucWen, Offset, PiezoGain
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.errors import InputError
@@ -167,7 +168,7 @@ def test_a_record_that_breaks_is_counted_and_does_not_end_it(
 def test_an_unfinished_diagnosis_ends_the_bench_and_is_not_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(hidden, "diagnose", lambda *_, **__: SimpleNamespace(stopped=True))
+    monkeypatch.setattr(hidden, "diagnose", lambda *_, **__: SimpleNamespace(stopped=Stopped.USER))
     with pytest.raises(KeyboardInterrupt):
         hidden_bench(["none"], 2, samples=600)
 

@@ -202,7 +202,7 @@ class TestMatlab:
 
     def test_missing_units_and_names(self, tmp_path: Path) -> None:
         io.savemat(tmp_path / "a.mat", {"t": T, "u": U, "y": Y, "note": "x"})
-        with pytest.raises(InputError, match=r"'t' has no unit.*time='t \[s\]'"):
+        with pytest.raises(InputError, match=r"'t' and 'u' and 'y' have no unit.*time='t \[s\]'"):
             read(tmp_path / "a.mat")
         with pytest.raises(InputError, match="no column 'x': the columns are 't', 'u', 'y'"):
             read(tmp_path / "a.mat", **(self.SAID | {"drive": "x"}))
