@@ -211,8 +211,7 @@ def test_what_shows_in_a_detail_alone_is_found() -> None:
     time = clock(1500)
     own = {"k3": 3e15, "x0": 3.6e-6}
     record = measured(MOVING, time, rich(time), (CubicStiffness(), own))
-    rivals = ("cubic_stiffness", "hysteretic_force", "creep", "nonlinear_gain", "friction")
-    found = diagnose(record, advise=False, withhold=but(*rivals))
+    found = diagnose(record, advise=False)
     assert [step.name for step in found.steps] == ["cubic_stiffness"]
     assert found.final.values["cubic_stiffness.x0"] == pytest.approx(3.6e-6, rel=0.02)
     assert found.final.rms == pytest.approx(NOISE, rel=0.05)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import piezo_opt as po
+from piezo_opt.assembly import assemble
 from piezo_opt.effects import Effect, Model, Offset, PiezoGain, Spring
 from piezo_opt.effects.base import Chain, Equations, Parameter, Place
 from piezo_opt.effects.catalogue import CATALOGUE
@@ -62,7 +63,9 @@ def test_a_channel_upstream_of_plays_is_no_obstacle(law: Effect) -> None:
     record = po.Measurement(time, drive, drive, channels={"added": warmer}, allow_saturated=True)
     model = PiezoGain() + law + Offset()
     nominal = {name: p.nominal for name, p in model.parameters.items()}
-    added = po.simulate(model + Added(), record, {**nominal, "added.gain": 1.0}).reading
+    values = {**nominal, "added.gain": 1.0}
+    added = po.simulate(model + Added(), record, values).reading
     summed = po.Measurement(time, drive + warmer, drive, allow_saturated=True)
     expected = po.simulate(model, summed, nominal).reading
     np.testing.assert_allclose(added, expected, rtol=0, atol=1e-9 * np.ptp(expected))
+    assert assemble(model + Added()).becomes is not None
