@@ -15,7 +15,7 @@ from piezo_opt.diagnosis.judge import Judge, worded
 from piezo_opt.diagnosis.members import law
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.diagnosis.points import Point, points
-from piezo_opt.diagnosis.residue import ABOVE, is_noise
+from piezo_opt.diagnosis.residue import exceeds, is_noise
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name
 from piezo_opt.diagnosis.scoring import at_foot
 from piezo_opt.diagnosis.search import Effort, search
@@ -359,7 +359,7 @@ def diagnose(
         unscored=(*searched.unscored, *unheard),
         steps=answer.steps,
         refined=answer.refined,
-        structure=_elsewhere(structure(final, floor), answer, judge, floor),
+        structure=_elsewhere(structure(final, floor), answer, judge, floor, worth),
         held_out=judge.sentence,
         rivals=answer.rivals,
         slight=answer.slight,
@@ -373,7 +373,7 @@ def diagnose(
     else:
         try:
             with limit:
-                found = _judged(found, tell, threads)
+                found = _judged(found, worth, tell, threads)
                 found = _with_experiments(found, offered, advise, tell, threads)
         except KeyboardInterrupt:
             found = replace(found, stopped=_who(limit))
@@ -384,11 +384,11 @@ def _who(limit: TimeLimit) -> Stopped:
     return Stopped.LIMIT if limit.passed else Stopped.USER
 
 
-def _judged(found: Diagnosis, tell: Callable[[str], None], threads: int) -> Diagnosis:
+def _judged(found: Diagnosis, least: float, tell: Callable[[str], None], threads: int) -> Diagnosis:
     """With the verdict: whether what is left is noise, and if not, where a correction enters."""
     floor, final = found.noise, found.final
     correction: Unexplained | None = None
-    if found.structure.left or final.rms > ABOVE * floor.rms:
+    if found.structure.left or exceeds(final.rms, floor, least):
         tell("looking for the smallest correction")
         correction = unexplained(final, floor, threads)
     # What can be described as a function of the chain's own signals is no noise either.
@@ -431,12 +431,14 @@ def _baseline(asked: Identification, remarks: tuple[str, ...]) -> Fit:
     return replace(fit, remarks=(*remarks, *fit.remarks))
 
 
-def _elsewhere(found: Structure, answer: Told, judge: Judge, floor: NoiseFloor) -> Structure:
+def _elsewhere(
+    found: Structure, answer: Told, judge: Judge, floor: NoiseFloor, least: float
+) -> Structure:
     """What is left on the held-out record as well: an explanation must hold there, too."""
     if judge.record is None:
         return found
     there, here = judge.error(answer.final), answer.final.rms
-    carries = _CARRIES if here < ABOVE * floor.rms else _AS_SLOW
+    carries = _AS_SLOW if exceeds(here, floor, least) else _CARRIES
     if there < carries * here:
         return found
     judged = f"On the record that is judged on, '{judge.record.name}',"

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.members import Members, is_law
-from piezo_opt.diagnosis.richer import in_detail
+from piezo_opt.diagnosis.richer import freed, in_detail
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.errors import ModelError
 from piezo_opt.identification import Fit, Identification
-from piezo_opt.identification.shapes import detail_start, own
+from piezo_opt.identification.shapes import own
 
 FloatArray = NDArray[np.float64]
 
@@ -124,13 +124,12 @@ def laws(at: Members, fit: Fit, withheld: Sequence[str]) -> list[Start]:
     for law in hysteresis_laws(withheld):
         if law == at.base[own_law]:
             continue
-        details = {f"{law.name}.{k}": detail_start(law.parameters[k], record) for k in law.details}
+        details = freed(law.name, law, record)
         rest = (k for k in at.free if k.split(".")[0] != own_law)
         free = tuple(sorted((*rest, *details)))
         members = replace(at, base=at.base.replaced(own_law, law), free=free)
-        own = {**details, **_begins(law, record.drive)}
         for begun in _laws_starts(law, record.drive):
-            found.append(Start(members, {**kept, **own, **begun}))
+            found.append(Start(members, {**kept, **details, **begun}))
         found.append(Start(members, None))
     return found
 
@@ -189,10 +188,7 @@ def _joined(at: Members, suspects: Sequence[Suspect], book: Book) -> list[Start]
 
 def _in_full(start: Start, effect: Effect, book: Book) -> Start:
     """A start with the details of an effect's shape free."""
-    record = book.question.campaign.records[0]
-    details = {
-        f"{effect.name}.{k}": detail_start(effect.parameters[k], record) for k in effect.details
-    }
+    details = freed(effect.name, effect, book.question.campaign.records[0])
     free = tuple(sorted({*start.members.free, *details}))
     return Start(replace(start.members, free=free), {**details, **(start.values or {})})
 
@@ -250,12 +246,3 @@ def _laws_starts(law: Effect, drive: FloatArray) -> list[dict[str, float]]:
         {name: share * (high - low) if wide else 0.5 * (low + high) for name, wide in volts.items()}
         for share in _SHARES
     ]
-
-
-def _begins(law: Effect, drive: FloatArray) -> dict[str, float]:
-    """Where the record begins, for a voltage that every record has its own of."""
-    return {
-        f"{law.name}.{name}": float(drive[0])
-        for name in law.details
-        if law.parameters[name].per_record and law.parameters[name].unit == "V"
-    }

@@ -22,6 +22,7 @@ from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.shapes import detail_start, own
 from piezo_opt.identification.starting import resonance_start
+from piezo_opt.measurement import Measurement
 
 Richer = tuple[Identification, Mapping[str, float]]
 """A question and where its fit begins."""
@@ -127,7 +128,18 @@ def detailed(fit: Fit, name: str) -> Richer | None:
     if finer == effect and not details:
         return None
     question = fit.question.with_model(fit.model.replaced(name, finer))
-    freed = tuple(f"{name}.{k}" for k in details)
-    begin = {k: detail_start(finer.parameters[k], record) for k in details}
-    moved = {f"{name}.{k}": v for k, v in {**start, **begin}.items()}
-    return replace(question, free=(*question.free, *freed)), {**fit.values, **moved}
+    free = tuple(f"{name}.{k}" for k in details)
+    begin = {k: v for k, v in freed(name, finer, record).items() if k in free}
+    moved = {**{f"{name}.{k}": v for k, v in start.items()}, **begin}
+    return replace(question, free=(*question.free, *free)), {**fit.values, **moved}
+
+
+def freed(name: str, effect: Effect, record: Measurement) -> dict[str, float]:
+    """The details of an effect's shape by the names that a model gives them, and where they begin.
+
+    Args:
+        name: of the effect in its model.
+        effect: the effect.
+        record: on whose scales they begin.
+    """
+    return {f"{name}.{k}": detail_start(effect.parameters[k], record) for k in effect.details}

@@ -132,7 +132,9 @@ def detail_start(parameter: Parameter, record: Measurement) -> float:
     stroke = float(np.ptp(record.position)) or 1.0
     swing = float(np.ptp(record.drive)) or 1.0
     low, high = limits(parameter, (record,))
-    if parameter.unit == "s" and parameter.nominal > record.duration:
+    if parameter.per_record and parameter.unit == "V":
+        value = float(record.drive[0])  # where a record begins
+    elif parameter.unit == "s" and parameter.nominal > record.duration:
         value = 0.5 * record.duration
     elif parameter.unit == "m/s":
         value = float(np.sqrt(np.mean(np.gradient(record.position, record.time) ** 2)))

@@ -376,19 +376,20 @@ def test_an_explanation_that_does_not_carry_over_is_none() -> None:
 @pytest.mark.parametrize(
     ("here", "there", "carries"),
     [
-        (1.4, 2.9 * 1.4, True), (1.4, 3.1 * 1.4, False),
+        # An effect that is just worth its name (0.35) beside the noise makes 1.06 of it.
+        (1.05, 2.9 * 1.05, True), (1.05, 3.1 * 1.05, False),
         # What is above the floor may be slow noise, but that is as large on the other record.
-        (1.6, 1.4 * 1.6, True), (1.6, 1.6 * 1.6, False), (1.4, np.inf, False),
+        (1.07, 1.4 * 1.07, True), (1.07, 1.6 * 1.07, False), (1.05, np.inf, False),
     ],
 )  # fmt: skip
 def test_slow_noise_is_as_large_on_the_other_record(
     here: float, there: float, carries: bool
 ) -> None:
     judge: Any = SimpleNamespace(record=SimpleNamespace(name="test"), error=lambda _: there)
-    floor: Any = SimpleNamespace(rms=1.0)
+    floor: Any = SimpleNamespace(rms=1.0, high=1.0)
     for steps in (("drift",), ()):
         answer: Any = SimpleNamespace(steps=steps, final=SimpleNamespace(rms=here))
-        left = module._elsewhere(Structure(False, ()), answer, judge, floor)
+        left = module._elsewhere(Structure(False, ()), answer, judge, floor, 0.35)
         # With nothing found there is nothing that could carry over: a base model may miss more.
         assert left.left == (np.isinf(there) or (bool(steps) and not carries))
         assert any("is not finite" in clue for clue in left.clues) == np.isinf(there)
