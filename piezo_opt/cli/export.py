@@ -82,6 +82,10 @@ def c(
             metavar="NAME", help="Run it on atmega328p or cortex-m4f as well, with --float."
         ),
     ] = None,
+    sensitivities: Annotated[
+        bool,
+        typer.Option("--sensitivities", help="Also the derivatives of the reading by parameters."),
+    ] = False,
     time: o.Time = None,
     drive: o.Drive = None,
     position: o.Position = None,
@@ -110,6 +114,7 @@ def c(
         substeps=substeps,
         drive=volts(drive_range),
         boards=tuple(board or ()),
+        sensitivities=sensitivities,
     )
     typer.echo(str(found))
 

@@ -25,6 +25,7 @@ from piezo_opt.effects import (
     Model,
     Offset,
     PiezoGain,
+    Preisach,
     SecondOrder,
     Temperature,
 )
@@ -35,6 +36,7 @@ from piezo_opt.export.c.beside import program
 from piezo_opt.export.c.plan import Plan, plan, system_of
 from piezo_opt.export.c.printer import DOUBLE, FLOAT, Precision
 from piezo_opt.export.c.replay import replay
+from piezo_opt.export.c.tangents import moved_by
 from piezo_opt.export.c.writer import text
 from piezo_opt.export.given import given, on
 from piezo_opt.measurement import Measurement
@@ -71,10 +73,12 @@ def record(name: str = "record", **channels: FloatArray) -> Measurement:
     return Measurement(TIME, DRIVE, 1e-7 * DRIVE, channels=channels, name=name)
 
 
-def written(folder: Path, model: Model, values: dict[str, float], precision: Precision) -> Any:
+def written(
+    folder: Path, model: Model, values: dict[str, float], precision: Precision, moved: bool
+) -> Any:
     """The code of a model with given sub-steps, without a check."""
     what = given(model, values)
-    ready = plan(what, system_of(what), "actuator", SUBSTEPS, 1.0 / 20e3)
+    ready = plan(what, system_of(what), "actuator", SUBSTEPS, 1.0 / 20e3, moved)
     header, source = text(ready, precision)
     folder.mkdir(exist_ok=True)
     (folder / "actuator.c").write_text(source)
@@ -87,19 +91,22 @@ def written(folder: Path, model: Model, values: dict[str, float], precision: Pre
 def test_every_effect_reads_as_in_the_library(
     form: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And in float, which is float: no compiler says a word, and no operation is a double's."""
+    """With its derivatives; and in float, which is float: no operation is a double's."""
     cc = compiler("gcc")
     monkeypatch.setenv("PIEZO_OPT_CC", "")  # the library's other engine, which compiles nothing
     model, values = modelled(form)
     for precision in (DOUBLE, FLOAT):
-        what, ready = written(tmp_path, model, values, precision)
+        moved = precision is DOUBLE
+        what, ready = written(tmp_path, model, values, precision, moved)
         if precision is FLOAT and form not in KINDS:
             break
         found = replay(
             tmp_path, "actuator", precision.name, cc, what.model, what.values,
             on(brief(), what.model), SUBSTEPS, ready.system.channel_names,
+            [one.full for one in moved_by(ready)] if moved else (),
         )  # fmt: skip
         assert found.share < (1e-13 if precision is DOUBLE else 3e-6)
+        assert not moved or (found.slopes is not None and found.slopes < 1e-11)
     asked = undefined_of_float(tmp_path / "actuator.c")
     assert asked <= {*"fabsf ceilf expf logf log1pf expm1f sqrtf sinf cosf tanhf".split()}  # noqa: SIM905
 
@@ -153,7 +160,9 @@ def test_a_model_without_states(tmp_path: Path) -> None:
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_compilers_say_nothing(command: list[str], precision: str, tmp_path: Path) -> None:
     compiler(command[0])
-    export_c(FOUR, tmp_path / "out", values=VALUES, step="1 ms", precision=precision)
+    export_c(
+        FOUR, tmp_path / "out", values=VALUES, step="1 ms", precision=precision, sensitivities=True
+    )
     for optimised in ("-O0", "-O3"):
         for file in ("actuator.c", "main.c"):
             subprocess.run(
@@ -186,6 +195,51 @@ def test_a_reader_finds_the_equations(tmp_path: Path) -> None:
         r"\b(static (?!actuator|double|void|float|inline void)|malloc|extern (?!\"C\"))", plain
     )
     assert re.findall(r"#include (\S+)", source) == ['"actuator.h"', "<math.h>"]
+
+
+def test_derivatives_are_those_of_the_library(tmp_path: Path) -> None:
+    """Of a model in which everything flows and something jumps, in both precisions."""
+    model = FOUR + Preisach(operators=3) + Drift()
+    values = {**VALUES, "drift.rate": 1e-7}
+    for precision, admitted in (("double", 1e-12), ("float", 1e-4)):
+        made = export_c(
+            model, tmp_path / precision, values=values, replay=record(), precision=precision,
+            sensitivities=True,
+        )  # fmt: skip
+        assert made.replay is not None
+        assert made.replay.slopes is not None
+        assert 0.0 < made.replay.slopes < admitted
+        assert f"derivatives agree to {made.replay.slopes:.1e}" in str(made)
+    header = (tmp_path / "double/actuator.h").read_text()
+    assert re.search(r"actuator_by_piezo_gain_d = 0, +/\* \[m/\(m/V\)\] \*/", header)
+    assert "step_sensitivities" in (tmp_path / "double/README.md").read_text()
+    plain = export_c(model, tmp_path / "plain", values=values, replay=record())
+    assert plain.replay is not None
+    assert plain.replay.slopes is None
+    assert "by_" not in (tmp_path / "plain/actuator.h").read_text()
+
+
+def test_derivatives_beside_a_delay(tmp_path: Path) -> None:
+    """By all parameters but the delay itself."""
+    values = {**VALUES, "delay.T": 1.7e-3}
+    made = export_c(
+        FOUR + Delay(), tmp_path / "out", values=values, replay=record(), sensitivities=True
+    )
+    assert made.replay is not None
+    assert made.replay.slopes is not None
+    assert made.replay.slopes < 1e-12
+    assert "actuator_by_delay" not in (tmp_path / "out/actuator.h").read_text()
+
+
+def test_other_derivatives_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def wrong(ready: Plan, precision: Precision) -> tuple[str, str]:
+        header, source = text(ready, precision)
+        return header, source.replace("rates[i].second_order_x = by[i]", "rates[i].second_order_x = 1.001 * by[i]")  # fmt: skip  # noqa: E501
+
+    monkeypatch.setattr(verb, "text", wrong)
+    with pytest.raises(ModelError, match="other derivatives than the library"):
+        export_c(FOUR, tmp_path / "out", values=VALUES, replay=record(), sensitivities=True)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_does_nothing_is_not_in_the_code(tmp_path: Path) -> None:
@@ -352,10 +406,12 @@ def test_the_command(fit: po.Fit, tmp_path: Path) -> None:
     file.write_text(json.dumps(fit.to_dict()))
     po.write(record("other"), other)
     found = CliRunner().invoke(
-        app, ["export", "c", str(file), "--out", str(out), "--float", "--replay", str(other)]
-    )
+        app, ["export", "c", str(file), "--out", str(out), "--float", "--replay", str(other),
+              "--sensitivities"]
+    )  # fmt: skip
     assert found.exit_code == 0, found.output
     assert "replayed other (300 samples)" in found.stdout
+    assert "; derivatives" in found.stdout
     assert "float piezo_gain_d;" in (out / "actuator.h").read_text()
     again = CliRunner().invoke(app, ["export", "c", str(file), "--out", str(out), "--step", "1 ms"])
     assert again.exit_code == 2

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from textwrap import fill
-from typing import Final
+from typing import Any, Final
 
 from piezo_opt.export.c.plan import Plan
 from piezo_opt.export.c.printer import WIDTH, Precision
+from piezo_opt.export.c.tangents import moved_by
 
 _MAIN: Final = """\
 /* Reads rows of {columns} from standard input, separated by commas, and writes
-   time and reading: a line that does not begin with a number is passed over. */
+   time and reading{more}: a line that does not begin with a number is passed over. */
 #include "{n}.h"
 
 #include <stdio.h>
@@ -22,9 +23,9 @@ int main(void)
 {{
     char line[1024];
     {n} one;
-    double before = 0.0;
+{tangents}    double before = 0.0;
     int begun = 0;
-    puts("time [s],reading [{unit}]");
+    {title}
     while (fgets(line, sizeof line, stdin)) {{
         double row[COLUMNS];
         char *at = line;
@@ -43,18 +44,39 @@ int main(void)
             return 1;
         }}
         if (begun) {{
-            reading = {n}_step(&one, {interval}, {inputs});
+            reading = {n}_step{step}, {interval}, {inputs}{by});
         }} else {{
             {n}_init(&one, {inputs});
             reading = {n}_output(&one);
-            begun = 1;
+{begin}            begun = 1;
         }}
         before = row[0];
-        printf("%.17g,%.{digits}g\\n", row[0], {out});
+        {shown}
     }}
     return 0;
 }}
 """
+
+_ALONE: Final = {
+    "more": "", "tangents": "", "step": "(&one", "by": "", "begin": "",
+    "shown": 'printf("%.17g,%.{digits}g\\n", row[0], {wide}reading);',
+}  # fmt: skip
+"""The places of the program where nothing is differentiated."""
+_MOVED: Final = {
+    "more": ", and derivatives",
+    "tangents": "    {n}_tangents tangents;\n    {real} by[{n}_parameter_count];\n    int i;\n",
+    "step": "_sensitivities(\n                &one, &tangents", "by": ", by",
+    "begin": (
+        "            {n}_start_sensitivities(&one, &tangents);\n"
+        "            {n}_output_sensitivities(&one, &tangents, by);\n"
+    ),
+    "shown": (
+        'printf("%.17g,%.{digits}g", row[0], {wide}reading);\n'
+        '        for (i = 0; i < {n}_parameter_count; ++i) printf(",%.{digits}g", {wide}by[i]);\n'
+        "        putchar('\\n');"
+    ),
+}  # fmt: skip
+"""The same where derivatives are carried along."""
 
 BUILD: Final = """\
 cmake_minimum_required(VERSION 3.10)
@@ -89,7 +111,7 @@ for (;;) {reading} = {n}_step(&one, {interval}, {inputs});
 `{n}_init` takes the values of the fit and puts the states at rest. `{n}_step` moves the {input}
 to its new value along a straight line and returns the reading at the end of the interval, which may
 differ from call to call. Parameters are members of `one.parameters`; `{n}_start` begins anew with
-them{prepare}. There is no allocation and no global state: as many actuators as you like.
+them{prepare}.{slopes} There is no allocation and no global state: as many actuators as you like.
 
 {scheme}
 
@@ -109,14 +131,23 @@ cc -std=c99 -O2 {n}.c main.c -lm -o replay
 def program(plan: Plan, precision: Precision, unit: str) -> str:
     """main.c."""
     inputs = [f"row[{k}]" for k in range(1, 2 + len(plan.channels))]
-    cast = "(float)" if precision.is_float else ""
-    interval = "row[0] - before"
-    return _MAIN.format(
-        n=plan.prefix, real=precision.name, columns=_columns(plan), count=len(inputs) + 1,
-        unit=unit, interval=f"(float)({interval})" if cast else interval,
-        inputs=", ".join(f"{cast}{one}" for one in inputs), digits=9 if cast else 17,
-        out="(double)reading" if cast else "reading",
-    )  # fmt: skip
+    cast, wide = ("(float)", "(double)") if precision.is_float else ("", "")
+    interval, digits, n = "row[0] - before", 9 if cast else 17, plan.prefix
+    moved = _MOVED if plan.slopes is not None else _ALONE
+    more = [f"by {one.full}" for one in moved_by(plan)] if plan.slopes is not None else []
+    first = f"time [s],reading [{unit}]"
+    words: dict[str, Any] = {
+        "n": n, "real": precision.name, "digits": digits, "wide": wide,
+        "columns": _columns(plan), "count": len(inputs) + 1,
+        "interval": f"(float)({interval})" if cast else interval,
+        "inputs": ", ".join(f"{cast}{one}" for one in inputs),
+        # In pieces of one line each.
+        "title": "\n    ".join(
+            [f'fputs("{first}", stdout);', *(f'fputs(",{one}", stdout);' for one in more),
+             "putchar('\\n');"] if more else [f'puts("{first}");']
+        ),
+    }  # fmt: skip
+    return _MAIN.format(**{key: text.format(**words) for key, text in moved.items()}, **words)
 
 
 def build_file(plan: Plan) -> str:
@@ -133,6 +164,11 @@ def read_me(plan: Plan, precision: Precision, scheme: str, replay: str) -> str:
         n=plan.prefix, model=" + ".join(plan.given.model.names), told=plan.given.told,
         real=precision.name, pruned=gone,
         first=inputs, inputs=inputs, input=plan.input, interval="interval", reading="reading",
+        slopes=(
+            f" `{plan.prefix}_step_sensitivities` carries the derivatives of the reading by every "
+            f"parameter along, in the order of `{plan.prefix}_by_...`, from "
+            f"`{plan.prefix}_start_sensitivities` on." if plan.slopes is not None else ""
+        ),
         prepare=f", `{plan.prefix}_prepare` goes on with them" if plan.derived else "",
         scheme=scheme, replay=replay, columns=_columns(plan),
         caution=(

@@ -19,20 +19,6 @@ def late(pen: Pen) -> list[list[str]]:
     u, zero = plan.input, pen.number(0.0)
     lag = pen.written([("return", plan.delay)], from_struct=True)
     unused = [] if any("a->" in line for line in lag) else ["(void)a;"]
-    follow = []
-    if plan.flowing or plan.jumps:
-        follow = [
-            *cut(pen, "length", f"a->{u}_rate * length"),
-            f"for (long i = 0; i < count; ++i) {n}_substep(a, h);",
-        ]
-    else:
-        moving = [f"a->{one} += a->{one}_rate * length;" for one in (u, *plan.channels)]
-        if plan.timed:
-            moving += [
-                f"{n}_add(&a->time, &a->time_lost, length);" if pen.timed_lost
-                else "a->time += length;"
-            ]  # fmt: skip
-        follow = moving
     return [
         [
             "/* By how much the actuator lags its input [s]. */",
@@ -48,20 +34,53 @@ def late(pen: Pen) -> list[list[str]]:
                 f"a->last_{u} = {u};",
             ]),
         ],
-        [
-            "/* A stretch of the oldest line. */",
-            f"static void {n}_follow({n} *a, {real} length)",
-            *braced(follow),
-        ],
+        follow(pen, ""),
     ]  # fmt: skip
 
 
-def delayed_step(pen: Pen) -> list[str]:
-    """An interval between two calls in a chain with a delay."""
+def follow(pen: Pen, tangents: str) -> list[str]:
+    """A stretch of the oldest line.
+
+    Args:
+        pen: what writes.
+        tangents: type of the struct that moves along; empty where none does.
+    """
+    plan, n, real = pen.plan, pen.name, pen.real
+    if plan.delay is None:
+        return []
+    u = plan.input
+    if plan.flowing or plan.jumps:
+        by = f"{n}_substep_by(a, t, h)" if tangents else f"{n}_substep(a, h)"
+        lines = [
+            *cut(pen, "length", f"a->{u}_rate * length"),
+            f"for (long i = 0; i < count; ++i) {by};",
+        ]
+    else:
+        lines = [f"a->{one} += a->{one}_rate * length;" for one in (u, *plan.channels)]
+        if plan.timed:
+            lines += [
+                f"{n}_add(&a->time, &a->time_lost, length);" if pen.timed_lost
+                else "a->time += length;"
+            ]  # fmt: skip
+        lines += ["(void)t;"] if tangents else []
+    along = f"_by({n} *a, {tangents} *t, {real} length)" if tangents else f"({n} *a, {real} length)"
+    return [
+        "/* A stretch of the oldest line. */",
+        f"static void {n}_follow{along}",
+        *braced(lines),
+    ]
+
+
+def delayed_lines(pen: Pen, follows: str) -> list[str]:
+    """An interval between two calls in a chain with a delay, which is longer than nothing.
+
+    Args:
+        pen: what writes.
+        follows: the call that follows a stretch of the oldest line.
+    """
     plan, n, real, zero = pen.plan, pen.name, pen.real, pen.number(0.0)
     u, most = plan.input, f"{n.upper()}_LINES"
-    lines = [
-        f"if (!(interval > {zero})) return {n}_output(a);",
+    return [
         f"const {n}_line line = {{interval, ({u} - a->last_{u}) / interval, {u}}};",
         f"{real} ahead = -{n}_lag(a);",
         f"if (a->waiting == {most}) {{",
@@ -85,7 +104,7 @@ def delayed_step(pen: Pen) -> list[str]:
         f"    {n}_line *const old = &a->lines[a->oldest];",
         f"    const {real} length = old->length < ahead ? old->length : ahead;",
         f"    a->{u}_rate = old->rate;",
-        f"    {n}_follow(a, length);",
+        f"    {follows};",
         "    ahead -= length;",
         "    old->length -= length;",
         f"    if (!(old->length > {zero})) {{",
@@ -95,8 +114,4 @@ def delayed_step(pen: Pen) -> list[str]:
         "    }",
         "}",
         *(f"a->{one} = {one};" for one in plan.channels),
-    ]
-    return [
-        f"{real} {n}_step({n} *a, {real} interval, {pen.inputs()})",
-        *braced([*lines, f"return {n}_output(a);"]),
     ]

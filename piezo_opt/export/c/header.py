@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from piezo_opt.export.c import naming
 from piezo_opt.export.c.pen import Pen
+from piezo_opt.export.c.tangents import declared
 
 
 def header(pen: Pen) -> str:
@@ -102,6 +103,7 @@ def header(pen: Pen) -> str:
         f"/* The reading now [{pen.reading_unit}]. */",
         f"{real} {n}_output(const {n} *a);",
         "",
+        *(declared(pen) if plan.slopes is not None else ()),
         "#ifdef __cplusplus",
         "}",
         "#endif",

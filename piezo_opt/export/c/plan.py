@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, final
+from typing import Any, Final, final
 
 import casadi as ca
 import numpy as np
@@ -15,6 +15,7 @@ from piezo_opt.effects.base import Place
 from piezo_opt.errors import ModelError
 from piezo_opt.export.c import naming
 from piezo_opt.export.c.graph import LEAF, NUMBER, Graph
+from piezo_opt.export.c.slopes import Slopes, slopes
 from piezo_opt.export.given import Given
 from piezo_opt.simulation import Substeps
 from piezo_opt.symbolic import one_at_a_time
@@ -52,6 +53,7 @@ class Plan:
         derived: what only parameters decide and is costly: name and node.
         delay: node of the time by which the chain lags the command; None without a delay.
         corners: of the command that wait at most, in a chain with a delay.
+        slopes: derivatives, where they are carried along.
     """
 
     given: Given
@@ -67,6 +69,7 @@ class Plan:
     derived: Mapping[str, int]
     delay: int | None = None
     corners: int = 0
+    slopes: Slopes | None = None
 
     @cached_property
     def parameters(self) -> list[naming.Field]:
@@ -99,7 +102,8 @@ class Plan:
     @cached_property
     def ends(self) -> list[int]:
         """Nodes of everything that is computed while time passes."""
-        return [*self.rates, self.reading, *(self.jumps or ())]
+        moved = self.slopes.nodes if self.slopes else ()
+        return [*self.rates, self.reading, *(self.jumps or ()), *moved]
 
     @cached_property
     def timed(self) -> bool:
@@ -140,8 +144,13 @@ def system_of(given: Given, *, delays: bool = True) -> System:
 
 @one_at_a_time
 def plan(
-    given: Given, system: System, prefix: str, substeps: Substeps, every: float
-) -> Plan:  # fmt: skip
+    given: Given,
+    system: System,
+    prefix: str,
+    substeps: Substeps,
+    every: float,
+    sensitivities: bool = False,
+) -> Plan:
     """The equations of a system as a graph, with names for what a reader looks for.
 
     Args:
@@ -150,6 +159,7 @@ def plan(
         prefix: of every symbol.
         substeps: how an interval is cut.
         every: interval between two calls [s], which decides how much of the past is kept.
+        sensitivities: whether derivatives by the parameters are carried along.
     """
     u = input_name(system)
     own = naming.channels(system)
@@ -166,34 +176,41 @@ def plan(
         [f"p->{field.name}" for field in naming.parameters(system)],
     ]
     still = ca.SX.zeros(x.numel())
-    outputs = [
-        system.signals(*instant),
-        system.rate(*instant),
-        system.reading(*instant),
-        system.start(time, drive, c, p, still),
-    ]
-    if system.becomes is not None:
-        outputs.append(system.becomes(time, x, drive, slope, c, p))
-    late, corners = [], 0
+    graph = Graph()
+
+    def take(outputs: Sequence[Any]) -> list[list[int]]:
+        return graph.take(instant, leaves, outputs)
+
+    signals = system.signals(*instant)
+    moving = [
+        system.rate(*instant), system.reading(*instant), system.start(time, drive, c, p, still),
+        system.becomes and system.becomes(time, x, drive, slope, c, p),
+        system.delay and system.delay(p),
+    ]  # fmt: skip
+    found = iter(take([signals, *(one for one in moving if one is not None)]))
+    named = next(found)
+    rates, reading, start, jumps, late = (
+        None if one is None else tuple(next(found)) for one in moving
+    )
+    assert rates is not None
+    assert reading is not None
+    assert start is not None
+    corners = 0
     if system.delay is not None:
-        late = [system.delay(p)]
         numbers = [given.values[name] for name in system.parameter_names]
         # What is left of the oldest line, whole ones, and the one that is new.
         corners = int(np.ceil(float(system.delay(numbers)) / every)) + 2
-        outputs = [*outputs[:4], *late, *outputs[4:]]
-    graph = Graph()
-    signals, rates, reading, start, *jumps = graph.take(instant, leaves, outputs)
-    delay = jumps.pop(0)[0] if late else None
+    moved = slopes(graph, take, x, p, moving) if sensitivities else None
     names: dict[int, str] = {}
-    for name, k in zip(_SIGNALS, signals, strict=True):
+    for name, k in zip(_SIGNALS, named, strict=True):
         if name and graph.nodes[k].kind not in (LEAF, NUMBER):
             names.setdefault(k, name)
-    ends = [*rates, *reading, *(jumps[0] if jumps else ())]
+    ends = [*rates, *reading, *(jumps or ()), *(moved.nodes if moved else ())]
     needed = set(graph.below(ends))
     names = {k: name for k, name in names.items() if k in needed}
     return Plan(
-        given, system, prefix, substeps, graph, tuple(rates), reading[0], tuple(start),
-        tuple(jumps[0]) if jumps else None, names, _derived(graph, ends, given), delay, corners,
+        given, system, prefix, substeps, graph, rates, reading[0], start, jumps, names,
+        _derived(graph, ends, given), late[0] if late else None, corners, moved,
     )  # fmt: skip
 
 

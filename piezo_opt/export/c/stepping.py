@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from piezo_opt.export.c.cutting import cut
-from piezo_opt.export.c.delayed import delayed_step
+from piezo_opt.export.c.delayed import delayed_lines
 from piezo_opt.export.c.equations import arguments
 from piezo_opt.export.c.pen import Pen, braced
-from piezo_opt.export.c.printer import wrapped
+from piezo_opt.export.c.printer import WIDTH, wrapped
+from piezo_opt.export.c.tangents import SENSITIVITIES, TANGENTS, count, moving_by
 
 
 def adder(pen: Pen) -> list[str]:
@@ -27,8 +28,13 @@ def adder(pen: Pen) -> list[str]:
     ]  # fmt: skip
 
 
-def substep(pen: Pen) -> list[str]:
-    """A sub-step: the scheme, and what jumps behind it."""
+def substep(pen: Pen, moved: bool = False) -> list[str]:
+    """A sub-step: the scheme, and what jumps behind it.
+
+    Args:
+        pen: what writes.
+        moved: whether the tangents move along.
+    """
     plan, n, real = pen.plan, pen.name, pen.real
     if not (plan.flowing or plan.jumps):
         return []
@@ -38,14 +44,24 @@ def substep(pen: Pen) -> list[str]:
             f"const {real} half = {pen.number(0.5)} * h;",
             f"{n}_rates sum, k;",
             f"{n}_states x;",
-            *stage(pen, "&a->states", "", "sum"),
         ]
-        for by, before, weight in (("half", "sum", 2.0), ("half", "k", 2.0), ("h", "k", 1.0)):
+        if moved:
+            each_one = count(pen)
             lines += [
-                f"{n}_along(&a->states, {by}, &{before}, &x);",
-                *stage(pen, "&x", by, "k"),
+                f"{n}_rates sum_by[{each_one}], k_by[{each_one}];",
+                f"{n}_states x_by[{each_one}];",
+            ]
+        lines += stage(pen, "&a->states", "", "sum", moved)
+        for by, before, weight in (("half", "sum", 2.0), ("half", "k", 2.0), ("h", "k", 1.0)):
+            lines += [f"{n}_along(&a->states, {by}, &{before}, &x);"]
+            if moved:
+                lines += [f"{n}_along_by(t->by, {by}, {before}_by, x_by);"]
+            lines += [
+                *stage(pen, "&x", by, "k", moved),
                 f"{n}_gather(&sum, {pen.number(weight)}, &k);",
             ]
+            if moved:
+                lines += [f"{n}_gather_by(sum_by, {pen.number(weight)}, k_by);"]
         lines += [f"const {real} sixth = h * {pen.number(1.0 / 6.0)};"]
         for name in pen.flowing():
             if pen.compensated:
@@ -53,24 +69,32 @@ def substep(pen: Pen) -> list[str]:
             else:
                 said = f"a->states.{name} += sixth * sum.{name};"
             lines += wrapped(said)
+        if moved:
+            lines += [f"{n}_along_by(t->by, sixth, sum_by, t->by);"]
     if plan.timed:
         lines += [f"{n}_add(&a->time, &a->time_lost, h);" if pen.timed_lost else "a->time += h;"]
     for one in (plan.input, *plan.channels):
         lines += [f"a->{one} += a->{one}_rate * h;"]
     if plan.jumps is not None:
+        lines += [f"{n}_jump_by(a, t);"] if moved else []
         lines += [f"{n}_jump(a);"]
     scheme = "the classical Runge-Kutta scheme of order four" if plan.flowing else "exact"
-    return [
-        f"/* A sub-step h [s]: {scheme}. */",
-        f"static inline void {n}_substep({n} *a, {real} h)",
-        *braced(lines),
-    ]
+    head = f"static inline void {n}_substep({n} *a, {real} h)"
+    if moved:
+        head = f"static inline void {n}_substep_by({n} *a, {n}_{TANGENTS} *t, {real} h)"
+        return ["/* The same, and the tangents move along. */", head, *braced(lines)]
+    return [f"/* A sub-step h [s]: {scheme}. */", head, *braced(lines)]
 
 
-def stage(pen: Pen, states: str, by: str, into: str) -> list[str]:
+def stage(pen: Pen, states: str, by: str, into: str, moved: bool = False) -> list[str]:
     """The rates at some states, some way into a sub-step."""
     given = ["a", states, *(inside(leaf, by) for leaf in arguments(pen)), f"&{into}"]
-    return wrapped(f"{pen.name}_rates_at({', '.join(given)});")
+    lines = wrapped(f"{pen.name}_rates_at({', '.join(given)});")
+    if moved:
+        tangents = "x_by" if by else "t->by"
+        given = ["a", states, *(inside(leaf, by) for leaf in moving_by(pen))]
+        lines += wrapped(f"{pen.name}_rates_by({', '.join((*given, tangents, f'{into}_by'))});")
+    return lines
 
 
 def inside(leaf: str, by: str) -> str:
@@ -137,23 +161,51 @@ def init(pen: Pen) -> list[str]:
     ]
 
 
-def step(pen: Pen) -> list[str]:
-    """An interval between two calls, cut into sub-steps."""
-    plan, n, real = pen.plan, pen.name, pen.real
+def step(pen: Pen, moved: bool = False) -> list[str]:
+    """An interval between two calls, cut into sub-steps.
+
+    Args:
+        pen: what writes.
+        moved: whether the tangents move along.
+    """
+    n, real = pen.name, pen.real
+    inner = _interval(pen, moved)
+    if not moved:
+        return [
+            f"{real} {n}_step({n} *a, {real} interval, {pen.inputs()})",
+            *braced([
+                f"if (!(interval > {pen.number(0.0)})) return {n}_output(a);", *inner,
+                f"return {n}_output(a);",
+            ]),
+        ]  # fmt: skip
+    given = f"{n} *a, {n}_{TANGENTS} *t, {real} interval, {pen.inputs()}, {real} *by"
+    unused = [] if any("(a, t" in line for line in inner) else ["(void)t;"]
+    return [
+        *wrapped(f"{real} {n}_step_{SENSITIVITIES}({given})", WIDTH),
+        *braced([
+            *unused,
+            f"if (interval > {pen.number(0.0)}) {{", *(f"    {line}" for line in inner), "}",
+            f"{n}_output_{SENSITIVITIES}(a, t, by);",
+            f"return {n}_output(a);",
+        ]),
+    ]  # fmt: skip
+
+
+def _interval(pen: Pen, moved: bool) -> list[str]:
+    """What happens between two calls."""
+    plan, n = pen.plan, pen.name
     if plan.delay is not None:
-        return delayed_step(pen)
+        return delayed_lines(pen, f"{n}_follow_by(a, t, length)" if moved
+                             else f"{n}_follow(a, length)")  # fmt: skip
     inputs = (plan.input, *plan.channels)
-    lines = [f"if (!(interval > {pen.number(0.0)})) return {n}_output(a);"]
+    lines: list[str] = []
     if plan.flowing or plan.jumps:
         lines += cut(pen, "interval", f"{plan.input} - a->{plan.input}")
     lines += [f"a->{one}_rate = ({one} - a->{one}) / interval;" for one in inputs]
     if plan.flowing or plan.jumps:
-        lines += [f"for (long i = 0; i < count; ++i) {n}_substep(a, h);"]
+        by = f"{n}_substep_by(a, t, h)" if moved else f"{n}_substep(a, h)"
+        lines += [f"for (long i = 0; i < count; ++i) {by};"]
     elif plan.timed:
         said = f"{n}_add(&a->time, &a->time_lost, interval);"
         lines += [said if pen.timed_lost else "a->time += interval;"]
-    lines += [f"a->{one} = {one};" for one in inputs]
-    return [
-        f"{real} {n}_step({n} *a, {real} interval, {pen.inputs()})",
-        *braced([*lines, f"return {n}_output(a);"]),
-    ]
+    return lines + [f"a->{one} = {one};" for one in inputs]

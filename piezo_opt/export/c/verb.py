@@ -16,6 +16,7 @@ from piezo_opt.export.c import beside, naming
 from piezo_opt.export.c.plan import Plan, plan, system_of
 from piezo_opt.export.c.printer import DOUBLE, FLOAT, Precision
 from piezo_opt.export.c.replay import ADMITTED, Replay, replay
+from piezo_opt.export.c.tangents import moved_by
 from piezo_opt.export.c.writer import text
 from piezo_opt.export.folder import appearing, check_new
 from piezo_opt.export.given import Given, Source, given, interval, on, trial
@@ -76,6 +77,7 @@ def export_c(
     substeps: int | None = None,
     drive: tuple[float, float] | None = None,
     boards: Sequence[str] = (),
+    sensitivities: bool = False,
 ) -> Exported:
     """Write a model as C99 that needs nothing but libm.
 
@@ -96,6 +98,8 @@ def export_c(
             reading's range on the record.
         drive: range of the drive [V] for a model without a record.
         boards: ``"atmega328p"``, ``"cortex-m4f"``: the float code is built and run there, too.
+        sensitivities: whether ``step_sensitivities`` is written as well: the derivatives of the
+            reading by all parameters, carried along as forward tangents of the same scheme.
 
     Raises:
         InputError: the folder exists, tools of a board are not installed, the step is too long
@@ -106,7 +110,7 @@ def export_c(
     check_new(folder)
     return write_c(
         given(source, values), folder, step=step, precision=precision, replayed=replay, name=name,
-        substeps=substeps, drive=drive, boards=boards,
+        substeps=substeps, drive=drive, boards=boards, sensitivities=sensitivities,
     )  # fmt: skip
 
 
@@ -119,6 +123,7 @@ def planned(
     substeps: int | None,
     drive: tuple[float, float] | None,
     delays: bool = True,
+    sensitivities: bool = False,
 ) -> tuple[Plan, Accuracy, Measurement]:
     """The equations with their sub-steps, and the record on which they were chosen."""
     naming.prefix(name)
@@ -133,7 +138,8 @@ def planned(
         known = trial(every, low, high, nominal)
     record = on(known, what.model)
     accuracy = cut(what.model, what.values, record, every, substeps)
-    return plan(what, system, name, accuracy.substeps, every), accuracy, record
+    ready = plan(what, system, name, accuracy.substeps, every, sensitivities)
+    return ready, accuracy, record
 
 
 def write_c(
@@ -147,6 +153,7 @@ def write_c(
     substeps: int | None = None,
     drive: tuple[float, float] | None = None,
     boards: Sequence[str] = (),
+    sensitivities: bool = False,
 ) -> Exported:
     """As :func:`export_c`, of what has been read already."""
     if precision not in PRECISIONS:
@@ -163,8 +170,9 @@ def write_c(
             "record out and compare with main.c where there is one."
         )
     ready, accuracy, record = planned(
-        what, step=step, replayed=replayed, name=name, substeps=substeps, drive=drive
-    )
+        what, step=step, replayed=replayed, name=name, substeps=substeps, drive=drive,
+        sensitivities=sensitivities,
+    )  # fmt: skip
     header, source = text(ready, numbers)
     files = {
         f"{name}.h": header,
@@ -181,6 +189,7 @@ def write_c(
             check = replay(
                 scratch, name, precision, compiler, what.model, what.values, record,
                 accuracy.substeps, ready.system.channel_names,
+                tuple(one.full for one in moved_by(ready)) if sensitivities else (),
             )  # fmt: skip
         footprints = tuple(
             _on_board(scratch, name, board, record, ready.system.channel_names, check)
