@@ -26,6 +26,7 @@ from piezo_opt.effects import (
     BoucWen,
     Creep,
     DeadZone,
+    Delay,
     Drift,
     Model,
     Offset,
@@ -81,23 +82,25 @@ def slave(kind: Any, unit: Unit, folder: Path) -> tuple[Any, dict[str, int]]:
     return one, {v.name: v.valueReference for v in told.modelVariables}
 
 
-def by_fmi2(unit: Unit, every: int, folder: Path, **parameters: float) -> FloatArray:
+def by_fmi2(
+    unit: Unit, every: int, folder: Path, drive: str = "drive", **parameters: float
+) -> FloatArray:
     """Value and rate of the drive at each step's beginning, as FMI 2.0 has it."""
     one, at = slave(FMU2Slave, unit, folder)
     one.setupExperiment(startTime=0.0)
     for name, value in parameters.items():
         one.setReal([at[name]], [value])
     one.enterInitializationMode()
-    one.setReal([at["drive"]], [DRIVE[0]])
+    one.setReal([at[drive]], [DRIVE[0]])
     one.exitInitializationMode()
     reading = [one.getReal([at["reading"]])[0]]
-    time, drive = TIME[::every], DRIVE[::every]
+    time, volts = TIME[::every], DRIVE[::every]
     for k in range(time.size - 1):
         h = time[k + 1] - time[k]
-        one.setReal([at["drive"]], [drive[k]])
+        one.setReal([at[drive]], [volts[k]])
         one.fmi2SetRealInputDerivatives(
-            one.component, (c_uint * 1)(at["drive"]), 1, (c_int * 1)(1),
-            (c_double * 1)((drive[k + 1] - drive[k]) / h),
+            one.component, (c_uint * 1)(at[drive]), 1, (c_int * 1)(1),
+            (c_double * 1)((volts[k + 1] - volts[k]) / h),
         )  # fmt: skip
         one.doStep(time[k], h)
         reading.append(one.getReal([at["reading"]])[0])
@@ -106,16 +109,16 @@ def by_fmi2(unit: Unit, every: int, folder: Path, **parameters: float) -> FloatA
     return np.array(reading)
 
 
-def by_fmi3(unit: Unit, every: int, folder: Path) -> FloatArray:
+def by_fmi3(unit: Unit, every: int, folder: Path, drive: str = "drive") -> FloatArray:
     """The value of the drive at each step's end."""
     one, at = slave(FMU3Slave, unit, folder)
     one.enterInitializationMode(startTime=0.0)
-    one.setFloat64([at["drive"]], [DRIVE[0]])
+    one.setFloat64([at[drive]], [DRIVE[0]])
     one.exitInitializationMode()
     reading = [one.getFloat64([at["reading"]])[0]]
-    time, drive = TIME[::every], DRIVE[::every]
+    time, volts = TIME[::every], DRIVE[::every]
     for k in range(time.size - 1):
-        one.setFloat64([at["drive"]], [drive[k + 1]])
+        one.setFloat64([at[drive]], [volts[k + 1]])
         one.doStep(time[k], time[k + 1] - time[k])
         reading.append(one.getFloat64([at["reading"]])[0])
     assert one.getFloat64([0])[0] == pytest.approx(time[-1])
@@ -174,6 +177,36 @@ def test_importers_read_what_the_library_reads(
         wanted = native(unit, every)
         reading = run(unit, every, tmp_path / str(every))
         assert np.abs(reading - wanted).max() < 1e-9 * np.ptp(wanted)
+
+
+@pytest.mark.parametrize(
+    ("version", "run"), [("2.0", by_fmi2), ("3.0", by_fmi3)], ids=["fmi2", "fmi3"]
+)
+def test_a_delay_of_no_whole_step_is_the_librarys(version: str, run: Any, tmp_path: Path) -> None:
+    """Told a usual step of 10 ms, and called every 1, 2 and 5 ms: the past is long enough."""
+    model, late = FOUR + Delay(), {"delay.T": 13.3e-3}
+    unit = export_fmu(
+        model, tmp_path / "late.fmu", values={**VALUES, **late}, record=record(), step="10 ms",
+        version=version,
+    )  # fmt: skip
+    assert validate_fmu(str(unit.path)) == []
+    prompt = native(unit, 1)
+    for every in STEPS:
+        wanted = native(unit, every, model, **late)
+        reading = run(unit, every, tmp_path / str(every), drive="command")
+        assert np.abs(reading - wanted).max() < 1e-9 * np.ptp(wanted)
+        assert np.abs(wanted - prompt[::every]).max() > 0.1 * np.ptp(wanted)
+
+
+def test_a_delay_can_be_set(tmp_path: Path) -> None:
+    model = PiezoGain() + BoucWen() + Delay()
+    unit = export_fmu(
+        model, tmp_path / "late.fmu", record=record(), step="1 ms",
+        values={"delay.T": 1e-3, "bouc_wen.gamma": VALUES["bouc_wen.gamma"]},
+    )  # fmt: skip
+    wanted = native(unit, 1, model, **{"delay.T": 37.7e-3})
+    reading = by_fmi2(unit, 1, tmp_path, drive="command", **{"delay.T": 37.7e-3})
+    assert np.abs(reading - wanted).max() < 1e-9 * np.ptp(wanted)
 
 
 def test_parameters_can_be_set(tmp_path: Path) -> None:
@@ -281,6 +314,11 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         export_fmu(
             PiezoGain() + DeadZone(backlash=True), tmp_path / "a.fmu", step="1 ms", exchange=True,
             values={"dead_zone.w": 1e-7},
+        )  # fmt: skip
+    with pytest.raises(ModelError, match="no place for the past of the drive"):
+        export_fmu(
+            FOUR + Delay(), tmp_path / "a.fmu", step="1 ms", exchange=True,
+            values={"delay.T": 1e-3},
         )  # fmt: skip
     monkeypatch.setenv("PIEZO_OPT_CC", "")
     monkeypatch.setattr("piezo_opt.export.fmu.build.find_spec", lambda _: None)

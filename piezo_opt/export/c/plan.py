@@ -12,7 +12,6 @@ import numpy as np
 
 from piezo_opt.assembly import System, assemble, folded
 from piezo_opt.effects.base import Place
-from piezo_opt.errors import ModelError
 from piezo_opt.export.c import naming
 from piezo_opt.export.c.graph import LEAF, NUMBER, Graph
 from piezo_opt.export.c.slopes import Slopes, slopes
@@ -120,26 +119,10 @@ def input_name(system: System) -> str:
     return "command" if system.model.at(Place.INPUT) else "drive"
 
 
-def system_of(given: Given, *, delays: bool = True) -> System:
-    """The system of what is exported; its values stand for what the model declares fixed.
-
-    Args:
-        given: model and values.
-        delays: whether what is written can keep the past of the drive.
-
-    Raises:
-        ModelError: the model has a delay, and there is no place for it.
-    """
+def system_of(given: Given) -> System:
+    """The system of what is exported; its values stand for what the model declares fixed."""
     constants = {name: given.values[name] for name in folded(given.model)}
-    system = assemble(given.model, constants)
-    if system.delay is not None and not delays:
-        late = next(n for n, e in given.model if e.name == "delay")
-        raise ModelError(
-            f"{late}: a unit is called at steps that nobody knows before, and a past of fixed "
-            f"size may be too short: export the model without it and delay the drive in your "
-            f"tool, by {late}.T; export c keeps it."
-        )
-    return system
+    return assemble(given.model, constants)
 
 
 @one_at_a_time

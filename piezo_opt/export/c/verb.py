@@ -122,14 +122,13 @@ def planned(
     name: str,
     substeps: int | None,
     drive: tuple[float, float] | None,
-    delays: bool = True,
     sensitivities: bool = False,
 ) -> tuple[Plan, Accuracy, Measurement]:
     """The equations with their sub-steps, and the record on which they were chosen."""
     naming.prefix(name)
     known = replayed or what.record
     every = interval(step, known, what.sampling)
-    system = system_of(what, delays=delays)
+    system = system_of(what)
     if known is None:
         low, high = drive or (what.sampling[1:] if what.sampling else _RANGE)
         if not low < high:

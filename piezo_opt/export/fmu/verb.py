@@ -7,7 +7,7 @@ import os
 import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, final
 
@@ -25,6 +25,11 @@ from piezo_opt.readers.files import replacing
 from piezo_opt.simulation import Accuracy
 
 VERSIONS: Final = ("2.0", "3.0")
+_LINES: Final = 256
+"""Lines of a delayed drive that a unit keeps at least: six kilobytes."""
+_SHORTER: Final = 16
+"""How many times shorter than usual an importer's steps may be before lines of a delayed drive are
+joined; what is joined moves the reading by less than a step of the drive does."""
 _DAY: Final = (1980, 1, 1, 0, 0, 0)
 """Date of the files in the archive: the same model gives the same bytes."""
 
@@ -96,8 +101,8 @@ def export_fmu(
     Raises:
         InputError: the file exists, the step is too long for the model, there is no compiler, or
             an argument makes no sense.
-        ModelError: the model holds what C cannot say; or has states that jump, and is asked for as
-            model exchange.
+        ModelError: the model holds what C cannot say; or has states that jump, or a delay, and is
+            asked for as model exchange.
     """
     target = Path(path)
     if target.suffix != ".fmu":
@@ -119,14 +124,16 @@ def export_fmu(
         what = given(source, values)
         every = interval(step, record or what.record, what.sampling)
         ready, accuracy, _ = planned(
-            what,
-            step=every,
-            replayed=record,
-            name=name,
-            substeps=None,
-            drive=drive,
-            delays=False,
+            what, step=every, replayed=record, name=name, substeps=None, drive=drive
         )
+        if exchange and ready.delay is not None:
+            late = next(n for n, e in what.model if e.name == "delay")
+            raise ModelError(
+                f"{late}: model exchange has no place for the past of the drive: export it for "
+                f"co-simulation, or leave {late} out and delay the drive in your tool."
+            )
+        # Nobody knows the importer's steps before.
+        ready = replace(ready, corners=max(_LINES, _SHORTER * ready.corners))
         if exchange and ready.jumps is not None:
             raise ModelError(
                 "The model has states that jump where the drive turns, which model exchange cannot "
