@@ -19,9 +19,10 @@ A whole example; every part but ``effects`` may be left out::
     [priors]                        # normal: mean and standard deviation
     "piezo_gain.d" = {mean = "0.2 um/V", std = "10 nm/V"}
 
-The JSON file that a fit, a diagnosis or a comparison writes is a model file too: its estimates
-become start values. Of a diagnosis that is the model it ended with, of a comparison the one with
-the smallest error. The keys above may stand in a JSON file as well.
+The JSON file that a fit, a diagnosis, a comparison or a design writes is a model file too: its
+estimates become start values. Of a diagnosis that is the model it ended with, of a comparison the
+one with the smallest error, of a design the actuator that it is for. The keys above may stand in a
+JSON file as well.
 """
 
 from __future__ import annotations
@@ -114,7 +115,7 @@ class ModelFile:
 
 
 def read_model(path: str | os.PathLike[str]) -> ModelFile:
-    """Read a model file (.toml or .json), or the JSON file of a fit, diagnosis or comparison.
+    """Read a model file (.toml or .json), or the JSON of a fit, diagnosis, comparison or design.
 
     Raises:
         InputError: one sentence with the file, the key, what is wrong and what to do.
@@ -172,6 +173,9 @@ def _from_fit(file: Path, data: Mapping[str, Any]) -> ModelFile:
     if isinstance(entries, list) and all(isinstance(one, Mapping) for one in entries) and entries:
         # That of a comparison holds several: the one that errs least.
         data = min(entries, key=lambda one: _size(one.get("rms")))
+    if isinstance(data.get("plant"), Mapping):
+        # That of a design holds the actuator that it is for.
+        data = data["plant"]
     parameters = data.get("parameters")
     if not isinstance(parameters, Mapping) or not isinstance(data.get("model"), Mapping):
         raise InputError(f"{file}: is not the JSON of a fit or a diagnosis: write one with --json")

@@ -8,7 +8,7 @@ import typer
 
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.telling import telling
-from piezo_opt.cli.tuning import Actuator, Result, tune
+from piezo_opt.cli.tuning import Actuator, Result, plant, tune
 
 
 @tune.command()
@@ -37,16 +37,17 @@ def shaper(
       piezo-opt tune shaper fit.json
       piezo-opt tune shaper fit.json --spread 0.03 --allowed 0.02 --picture shaper.png
     """
-    from piezo_opt.control import tune_shaper
+    from piezo_opt.control import identified, tune_shaper
     from piezo_opt.report.control import shapers
 
     result.check(fit)
+    actuator = identified(fit)
     with telling("Shaper") as tell:
         found = tune_shaper(
-            fit, allowed=allowed, delay=delay, spread=spread, scenarios=scenarios, seed=seed,
+            actuator, allowed=allowed, delay=delay, spread=spread, scenarios=scenarios, seed=seed,
             progress=tell,
         )  # fmt: skip
     result.deliver(
-        str(found), {**found.to_dict(), "plant": {"source": fit.name}},
+        str(found), {**found.to_dict(), "plant": plant(actuator, fit)},
         None if result.picture is None else shapers(found),
     )  # fmt: skip

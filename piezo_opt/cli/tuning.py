@@ -249,7 +249,7 @@ def asked(fit: Path, reference: Reference, loop: Loop) -> Asked:
     from piezo_opt.control import identified
     from piezo_opt.control.plant import without_delay
     from piezo_opt.control.reach import reach
-    from piezo_opt.control.tune_loop import period_of
+    from piezo_opt.control.task import period_of
 
     actuator = identified(fit)
     period = period_of(actuator, loop.period)
@@ -264,10 +264,29 @@ def asked(fit: Path, reference: Reference, loop: Loop) -> Asked:
 def described(what: Asked, fit: Path) -> dict[str, Any]:
     """What a JSON holds beside the design: the actuator, and what it was asked."""
     return {
-        "plant": {
-            "source": fit.name, "model": what.actuator.model.to_dict(),
-            "parameters": {n: {"value": v} for n, v in what.actuator.numbers.items()},
-        },
+        "plant": plant(what.actuator, fit),
         "reference": what.told,
         "noise": what.noise,
     }  # fmt: skip
+
+
+def plant(actuator: Identified, fit: Path) -> dict[str, Any]:
+    """The actuator of a design, as the JSON of a fit has it: a model file of its own."""
+    names, values = actuator.names, {**actuator.values, **actuator.numbers}
+    data: dict[str, Any] = {
+        "source": fit.name,
+        "model": actuator.model.to_dict(),
+        "parameters": {n: {"value": v} for n, v in values.items()},
+        "rms": actuator.noise,
+    }
+    if actuator.covariance is not None:
+        std = np.sqrt(np.diag(actuator.covariance))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            correlation = actuator.covariance / np.outer(std, std)
+        spread = dict(zip(names, std.tolist(), strict=True))
+        for name, entry in data["parameters"].items():
+            entry.update({"estimated": name in spread, "std": spread.get(name)})
+        data["correlation"] = {"names": list(names), "matrix": correlation.tolist()}
+    if actuator.period is not None and actuator.drive is not None:
+        data["sampling"] = [{"step": actuator.period, "drive": list(actuator.drive)}]
+    return data

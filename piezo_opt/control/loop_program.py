@@ -76,6 +76,11 @@ class Family(Protocol):
         """(t,) upper bounds."""
         ...
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a user is told of how the plant was taken."""
+        ...
+
     def gains(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(g,) gains of the law, and their slopes (g, t)."""
         ...
@@ -90,6 +95,10 @@ class Family(Protocol):
 
     def softer(self, theta: FloatArray) -> FloatArray:
         """Gains of about half the size."""
+        ...
+
+    def calmer(self, theta: FloatArray, by: float) -> FloatArray:
+        """Weaker feedback, by a factor of about exp(by), with the same filter."""
         ...
 
     def unknowns(self, given: Any) -> FloatArray:
@@ -212,6 +221,10 @@ class LoopProgram:
                     return theta
             theta = np.clip(self.family.softer(theta), self.family.low, self.family.high)
         raise InputError("No gains were found for which the loop is stable: the plant is not.")
+
+    def steady(self, theta: FloatArray) -> bool:
+        """Whether every scenario's linearised loop is stable."""
+        return self._steady(self.family.gains(theta)[0])
 
     @property
     def low(self) -> FloatArray:

@@ -17,15 +17,13 @@ from numpy.typing import NDArray
 from piezo_opt.control import lqg
 from piezo_opt.control.loop_program import Linear, Matrices
 from piezo_opt.control.lqg import LQG, LQGLaw
-from piezo_opt.errors import InputError
+from piezo_opt.control.minimal import minimal
 
 FloatArray = NDArray[np.float64]
 
 _LOW: Final = np.array([-9.0, -9.0, -9.0, -9.0])
 _HIGH: Final = np.array([14.0, 14.0, 9.0, 5.0])
 """Of theta: a feedback that cancels the plant in a period to one that hardly acts."""
-_NEVER: Final = 1e-9
-"""Of the largest entry of an observability matrix in balanced states: below, nothing is seen."""
 
 
 @final
@@ -36,14 +34,16 @@ class LQGFamily:
         plant: what is controlled.
 
     Raises:
-        InputError: the reading does not show what the drive moves.
+        InputError: the plant runs away by itself.
     """
 
     def __init__(self, plant: Linear) -> None:
         self.low, self.high = _LOW, _HIGH
         self._plant = plant
-        a, b, c = _reduced(*plant.sampled)
+        reduced = minimal(plant.sampled)
+        a, b, c = reduced.plant
         n = self._n = a.shape[0]
+        self.remarks = reduced.remarks
         self.law = LQGLaw(n)
         self._abc = a, b, c
         # With the disturbance of the drive as a further state.
@@ -123,6 +123,10 @@ class LQGFamily:
         """A dearer drive, a slower filter."""
         return np.asarray(theta + np.array([1.0, 0.0, -0.5, -0.5]))
 
+    def calmer(self, theta: FloatArray, by: float) -> FloatArray:
+        """A dearer drive."""
+        return np.asarray(theta + by * np.array([1.0, 0.0, 0.0, 0.0]))
+
     def unknowns(self, given: FloatArray) -> FloatArray:
         """Of the weights themselves: gains do not tell them."""
         return np.asarray(np.clip(given, self.low, self.high), dtype=float)
@@ -148,37 +152,3 @@ def _lyapunov(a: FloatArray, q: FloatArray) -> FloatArray:
     if not np.isfinite(a).all():
         return np.full(a.shape, np.nan)
     return np.asarray(scipy.linalg.solve_discrete_lyapunov(a, q), dtype=float)
-
-
-def _reduced(
-    a: FloatArray, b: FloatArray, c: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """States that matter to the reading, each scaled to the size to which the drive moves it.
-
-    Raises:
-        InputError: the reading shows only some of what the drive moves, in a mixture.
-    """
-    # What leads to the reading, state by state: the drive of the sample before often does not.
-    reach = np.abs(c.ravel()) > 0.0
-    for _ in range(reach.size):
-        reach = reach | (np.abs(a[reach]) > 0.0).any(axis=0)
-    a, b, c = a[np.ix_(reach, reach)], b[reach], c[:, reach]
-    n = a.shape[0]
-    moves, now = [], b
-    for _ in range(4 * n + 200):
-        moves.append(np.abs(now).ravel())
-        now = a @ now
-    size = np.max(moves, axis=0)
-    if not n or not (size > 0.0).all():
-        raise InputError(
-            "The drive does not move every state of the model: leave those effects out."
-        )
-    a, b, c = a * size / size[:, np.newaxis], b / size[:, np.newaxis], c * size
-    seen = np.vstack([c @ np.linalg.matrix_power(a, k) for k in range(n)])
-    steep = np.linalg.svd(seen, compute_uv=False)
-    if steep[-1] < _NEVER * steep[0]:
-        raise InputError(
-            "The reading does not show every state of the model (two effects do the same, or one "
-            "is far faster than the sampling): leave one out, or sample at another period."
-        )
-    return a, b, c

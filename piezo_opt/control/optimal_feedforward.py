@@ -13,7 +13,7 @@ from piezo_opt.control.closed_loop import Limits
 from piezo_opt.control.horizon import Along, Horizon
 from piezo_opt.control.identified import Source
 from piezo_opt.control.qp import FAR, HorizonProgram, solve_program
-from piezo_opt.control.tune_loop import task
+from piezo_opt.control.task import task
 from piezo_opt.errors import InputError
 from piezo_opt.signals import Drive
 from piezo_opt.units import show

@@ -32,6 +32,7 @@ class PIDFamily:
         self.low = np.array([-_WIDE, -_WIDE, -_WIDE, np.log(0.1)])
         self.high = np.array([_WIDE, _WIDE, _WIDE, np.log(1e3)])
         self._plant = plant
+        self.remarks: tuple[str, ...] = ()
 
     def gains(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(4,) and their slopes."""
@@ -64,6 +65,10 @@ class PIDFamily:
     def softer(self, theta: FloatArray) -> FloatArray:
         """Half the gains, the same filter."""
         return np.asarray(theta - np.array([1.0, 1.0, 1.0, 0.0]) * np.log(2.0))
+
+    def calmer(self, theta: FloatArray, by: float) -> FloatArray:
+        """Smaller gains, the same filter."""
+        return np.asarray(theta - by * np.array([1.0, 1.0, 1.0, 0.0]))
 
     def unknowns(self, given: PID) -> FloatArray:
         """Of given gains; what is zero there begins at the bound."""

@@ -4,39 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic, Protocol, TypeVar, final
+from typing import Any, Final, Generic, Protocol, TypeVar, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from piezo_opt.control.closed_loop import ClosedLoop, Controller, Limits, close_loop
+from piezo_opt.control.calm import calm
+from piezo_opt.control.closed_loop import ClosedLoop, Controller, Limits
 from piezo_opt.control.cost import Criterion
-from piezo_opt.control.identified import Identified, Source, identified
-from piezo_opt.control.loop_program import Asked, Family, Linear, LoopProgram
+from piezo_opt.control.loop_program import Family, Linear, LoopProgram
 from piezo_opt.control.margins import Margins, margins
-from piezo_opt.control.plant import ModelPlant, without_delay
-from piezo_opt.control.reach import reach
 from piezo_opt.control.scenarios import scenarios as drawn
 from piezo_opt.control.simplex import simplex
 from piezo_opt.control.sqp import PENALTY, Found, minimise
-from piezo_opt.effects import Model
+from piezo_opt.control.task import Task
 from piezo_opt.errors import InputError
-from piezo_opt.units import quantity, show
-from piezo_opt.values import Values
+from piezo_opt.units import show
 
 FloatArray = NDArray[np.float64]
 
 CHECKS = 500
 """Further draws on which a robust design is checked: a share of 5 % is known to 1 % of all."""
-SLACK = 0.05
-"""Of what the drive reaches: a reference that goes no further is followed but for its ends."""
-SHAKEN, CALMED = 60, 600
-"""Samples of a fault of the sensor, and after it, by which a loop is tried."""
-FOLLOWED = 0.5
-"""Of a reference's span, what a drive at its slew rate must cover: a step need not be followed at
-once, but what covers less is no following."""
-FAR_OFF = 3.0
-"""Times the range that the drive reaches: an error beyond is none of the actuator's."""
+SOFTEST: Final = 16.0
+"""Logarithm of how far a loop that swings is made softer at most: gains of a ten-millionth."""
+_FINE: Final = 0.25
+"""Of that logarithm: the softness that is needed is found to it, 2 % of the error where tried."""
 _APART = 1_000_003
 _KEPT = 1e-4
 """Relative violation that counts as none: the search leaves less."""
@@ -77,6 +69,8 @@ class Tuned(Generic[C]):
         loops: the loop on each reference, with the values of the fit itself.
         margins: of the linearised loop.
         peak: sensitivity peak that was allowed; None for any.
+        swinging: cost of the loop that would follow closest, where that was made softer because a
+            fault leaves it swinging; None where it was not.
         violation: largest violation of a constraint, relative; 0 where all hold.
         simulations: loops that were simulated, scenarios times references times evaluations.
         scenarios, seed: draws from the fit's covariance; 0 for the fit's values alone.
@@ -86,6 +80,7 @@ class Tuned(Generic[C]):
         calm: whether the loop comes to rest after a step, and after a fault of the sensor that has
             driven it into its limits; linear margins do not tell.
         trace: simulations until then and cost over that of the start, of every point accepted.
+        remarks: sentences on the plant, the design and the start.
     """
 
     controller: C
@@ -98,6 +93,7 @@ class Tuned(Generic[C]):
     loops: tuple[ClosedLoop, ...]
     margins: Margins
     peak: float | None
+    swinging: float | None
     violation: float
     simulations: int
     scenarios: int
@@ -106,6 +102,7 @@ class Tuned(Generic[C]):
     converged: bool
     calm: bool
     trace: tuple[tuple[int, float], ...]
+    remarks: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         m, name = self.margins, self.criterion.value.upper()
@@ -132,7 +129,12 @@ class Tuned(Generic[C]):
             )
         if self.violation > 1e-3:
             lines.append(
-                f"Not every constraint can be met: one is violated by {100 * self.violation:.1f} %."
+                f"Not every constraint is met: one is violated by {100 * self.violation:.1f} %."
+            )
+        if self.swinging is not None and self.calm:
+            lines.append(
+                f"Made softer than the closest ({name} {self.swinging:.4g} {unit}), which a step "
+                "or a fault of the sensor leaves swinging between the limits of its drive."
             )
         if not self.calm:
             lines.append(
@@ -141,7 +143,7 @@ class Tuned(Generic[C]):
             )
         if not self.converged:
             lines.append("The search ended before it had converged: this is the best so far.")
-        return "\n".join(lines)
+        return "\n".join([*lines, *self.remarks])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, SI units, with a ``schema`` key."""
@@ -159,6 +161,8 @@ class Tuned(Generic[C]):
             "largest": [one.largest for one in self.loops],
             "effort": [one.effort for one in self.loops],
             "margins": {"gain": m.gain, "phase": m.phase, "peak": m.peak, "stable": m.stable},
+            "peak_asked": self.peak,
+            "cost_swinging": self.swinging,
             "violation": self.violation,
             "simulations": self.simulations,
             "scenarios": self.scenarios,
@@ -166,107 +170,8 @@ class Tuned(Generic[C]):
             "violating": self.violating,
             "converged": self.converged,
             "calm": self.calm,
+            "remarks": list(self.remarks),
         }
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Task:
-    """A plant and what its loop is asked to do, as :func:`~piezo_opt.control.tune_pid` takes it.
-
-    ``largest`` is an error that cannot be [m].
-    """
-
-    plant: Identified
-    asked: Asked
-    scenarios: int
-    largest: float
-
-
-def task(
-    plant: Source,
-    reference: ArrayLike | Sequence[ArrayLike],
-    *,
-    period: float | str | None = None,
-    values: Mapping[str, float] | None = None,
-    limits: Limits | None = None,
-    delay: int = 0,
-    criterion: Criterion | str = Criterion.IAE,
-    effort: float = 0.0,
-    overshoot: float | None = None,
-    drive: float | None = None,
-    peak: float | None = 2.0,
-    scenarios: int = 0,
-    seed: int = 0,
-    noise: float | None = 0.0,
-    disturbance: ArrayLike = 0.0,
-    at: float = 0.0,
-) -> Task:
-    """Arguments as :func:`~piezo_opt.control.tune_pid` has them, checked.
-
-    Raises:
-        InputError: references or a period that are none.
-    """
-    known = identified(plant, values)
-    step = period_of(known, period)
-    model, behind = without_delay(known.model, known.numbers, step)
-    numbers = known.numbers
-    asked = Asked(
-        references_of(reference), step, limits or Limits(), delay + behind, Criterion(criterion),
-        effort, overshoot, drive, peak, (known.noise or 0.0) if noise is None else noise,
-        disturbance, seed, at,
-    )  # fmt: skip
-    far = FAR_OFF * _reachable(model, numbers, asked)
-    shortest = min(one.size for one in asked.references)
-    if asked.delay >= shortest:
-        raise InputError(
-            f"The delay of {asked.delay} periods is as long as the reference of {shortest}: give a "
-            "longer reference."
-        )
-    own = {k: v for k, v in numbers.items() if k in model.parameters}
-    return Task(Identified(
-        model, known.values.with_(own), known.names, known.covariance, known.bounds
-    ), asked, scenarios, far)  # fmt: skip
-
-
-def _reachable(model: Model, numbers: Values, asked: Asked) -> float:
-    """How wide the range is that the drive reaches [m]; references beyond it are refused.
-
-    Without limits of the drive that of the references.
-    """
-    limits = asked.limits
-    if not np.isfinite([limits.low, limits.high]).all():
-        return max(float(np.ptp(np.append(one, 0.0))) for one in asked.references)
-    own = {k: v for k, v in numbers.items() if k in model.parameters}
-    found = reach(model, Values(own), limits, asked.period)
-    slack = SLACK * (found.high - found.low)
-    for one in asked.references:
-        if one.max() > found.high + slack or one.min() < found.low - slack:
-            raise InputError(
-                f"The reference goes from {show(float(one.min()), 'm')} to "
-                f"{show(float(one.max()), 'm')}, and the drive's limits of {limits.low:g} V and "
-                f"{limits.high:g} V reach {show(found.low, 'm')} to {show(found.high, 'm')}: ask "
-                "for less, or widen the limits."
-            )
-        _refuse_too_slow(one, (found.high - found.low) / (limits.high - limits.low), asked)
-    return found.high - found.low
-
-
-def _refuse_too_slow(reference: FloatArray, gain: float, asked: Asked) -> None:
-    """Refuse a reference of which a drive at its slew rate covers hardly anything."""
-    most = asked.limits.slew * asked.period * gain
-    if not np.isfinite(most):
-        return
-    at, low, high = reference[0], reference[0], reference[0]
-    for goal in reference.tolist():
-        at += min(max(goal - at, -most), most)
-        low, high = min(low, at), max(high, at)
-    if high - low < FOLLOWED * np.ptp(reference):
-        raise InputError(
-            f"The reference moves through {show(float(np.ptp(reference)), 'm')}, and at "
-            f"{show(asked.limits.slew, 'V/s')} the drive covers only {show(high - low, 'm')} of "
-            "it: ask for a slower reference, or allow a faster drive."
-        )
 
 
 def tune(
@@ -279,6 +184,9 @@ def tune(
 ) -> Tuned[Any]:
     """The best controller of a family for a task.
 
+    Where a step or a fault of the sensor leaves the best loop swinging between the limits of its
+    drive, it is made softer until it comes to rest, and no further.
+
     Args:
         what: the task.
         family: makes the family for the plant.
@@ -289,20 +197,114 @@ def tune(
     Raises:
         InputError: a plant without response, or no start from which the loop is stable.
     """
-    plant, asked = what.plant, what.asked
-    model, numbers = plant.model, plant.numbers
+    asked, plant = what.asked, what.plant
+    own = _designed(what, family, start, simplex_only, progress)
+    swinging = None
+    if not own.calm and not simplex_only:
+        if progress is not None:
+            progress("a fault leaves the loop swinging: looking for one that comes to rest")
+        swinging, own = own.program.in_units(own.found.x), _calmed(own, what)
+    violating = float("nan")
+    if what.scenarios:
+        if progress is not None:
+            progress(f"checking {CHECKS} other actuators that the record allows")
+        # Seeds that no draw of the design has; judged by what was asked.
+        told = _program(what, family, CHECKS, asked.seed + _APART)
+        violating = float(np.mean(told.violated(own.found.x) > _KEPT))
+    linear = margins(
+        plant.model, own.program.transfer(own.found.x), period=asked.period, delay=asked.delay,
+        values=plant.numbers, at=asked.at,
+    )  # fmt: skip
+    if not linear.stable:
+        raise InputError(
+            "The tuned loop is unstable for small motions: sample faster, or bound the peak."
+        )
+    each = max(what.scenarios, 1) * len(asked.references)
+    trace = tuple((k * each, float(np.exp(c - own.base))) for k, c in own.found.trace)
+    return Tuned(
+        own.controller, asked.period, asked.delay, asked.limits, asked.criterion,
+        own.program.in_units(own.found.x), own.cost_at_start, own.program.loops(own.controller),
+        linear, asked.peak, swinging, own.found.valued.violation, own.spent, what.scenarios,
+        asked.seed, violating, own.found.converged, own.calm, trace,
+        (*what.remarks, *own.program.family.remarks, *own.remarks),
+    )  # fmt: skip
 
-    def program_of(count: int, seed: int) -> LoopProgram:
-        draws = drawn(plant, count, seed) if count else ()
-        nominal = [numbers.with_(_own(d.of_record(0), numbers)) for d in draws]
-        return LoopProgram(model, numbers, nominal, asked, family)
 
-    program = program_of(what.scenarios, asked.seed)
-    starts = program.family.guesses() if start is None else (program.family.unknowns(start),)
-    spent = 0
-    if what.scenarios and start is None:
+@final
+@dataclass(frozen=True, eq=False)
+class _Designed:
+    """One search.
+
+    Attributes:
+        program: over which; ``found`` its best point, ``controller`` that of it.
+        base: logarithm of the cost at the start; ``cost_at_start`` the same in its units.
+        spent: loops simulated.
+        calm: whether the loop comes to rest.
+        remarks: on the start.
+    """
+
+    program: LoopProgram
+    found: Found
+    controller: Any
+    base: float
+    cost_at_start: float
+    spent: int
+    calm: bool
+    remarks: tuple[str, ...]
+
+
+def _calmed(swinging: _Designed, what: Task) -> _Designed:
+    """The same, softer until it comes to rest; as it is where the softest does not."""
+    program, theta = swinging.program, swinging.found.x
+
+    def softer(by: float) -> tuple[FloatArray, Any]:
+        x = np.clip(program.family.calmer(theta, by), program.low, program.high)
+        return x, replace(program.family.controller(x), largest=what.largest)
+
+    low, high = 0.0, 1.0
+    while not (program.steady(softer(high)[0]) and calm(softer(high)[1], what)):
+        low, high = high, 2.0 * high
+        if high > SOFTEST:
+            return swinging
+    while high - low > _FINE:
+        middle = 0.5 * (low + high)
+        x, controller = softer(middle)
+        rests = program.steady(x) and calm(controller, what)
+        low, high = (low, middle) if rests else (middle, high)
+    x, controller = softer(high)
+    valued = program.evaluate(x)
+    if valued is None:
+        return swinging
+    found = replace(swinging.found, x=x, valued=valued)
+    return replace(swinging, found=found, controller=controller, calm=True)
+
+
+def _program(
+    what: Task, family: Callable[[Linear], Family], count: int, seed: int
+) -> LoopProgram:  # fmt: skip
+    """The program over so many draws; none for the plant's own values."""
+    plant, numbers = what.plant, what.plant.numbers
+    draws = drawn(plant, count, seed) if count else ()
+    sets = [numbers.with_(_own(d.of_record(0), numbers)) for d in draws]
+    return LoopProgram(plant.model, numbers, sets, what.asked, family)
+
+
+def _designed(
+    what: Task, family: Callable[[Linear], Family], start: Any,
+    simplex_only: bool, progress: Callable[[str], None] | None,
+) -> _Designed:  # fmt: skip
+    """A search from a start as a user gives it, or from the family's guesses."""
+    seed = what.asked.seed
+    program = _program(what, family, what.scenarios, seed)
+    starts, spent = program.family.guesses(), 0
+    said: tuple[str, ...] = ()
+    if start is not None:
+        starts = (program.family.unknowns(start),)
+        if not program.steady(starts[0]):
+            said = ("The start's gains make the loop unstable: the search began with softer ones.",)
+    elif what.scenarios:
         # Which start is better is asked of the fit's own values: a tenth of the price or less.
-        lone = program_of(0, asked.seed)
+        lone = _program(what, family, 0, seed)
         alone = [minimise(lone.evaluate, lone.stable(s), lone.low, lone.high) for s in starts]
         starts, spent = (_better(alone).x,), lone.simulations
     begins = [program.stable(one) for one in starts]
@@ -321,54 +323,11 @@ def tune(
     search, function = (simplex, program.bare) if simplex_only else (minimise, program.evaluate)
     found = _better([search(function, b, program.low, program.high, tell=tell) for b in begins])
     spent += program.simulations
-    each = max(what.scenarios, 1) * len(asked.references)
-    controller = replace(program.family.controller(found.x), largest=what.largest or np.inf)
-    linear = margins(
-        model, program.transfer(found.x), period=asked.period, delay=asked.delay, values=numbers,
-        at=asked.at,
+    controller = replace(program.family.controller(found.x), largest=what.largest)
+    return _Designed(
+        program, found, controller, base, program.in_units(begins[0]), spent,
+        calm(controller, what), said,
     )  # fmt: skip
-    if not linear.stable:
-        raise InputError(
-            "The tuned loop is unstable for small motions: sample faster, or bound the peak."
-        )
-    calm = _calm(controller, what)
-    violating = float("nan")
-    if what.scenarios:
-        if progress is not None:
-            progress(f"checking {CHECKS} other actuators that the record allows")
-        # Seeds that no draw of the design has.
-        told = program_of(CHECKS, asked.seed + _APART)
-        violating = float(np.mean(told.violated(found.x) > _KEPT))
-    return Tuned(
-        controller, asked.period, asked.delay, asked.limits, asked.criterion,
-        program.in_units(found.x), program.in_units(begins[0]), program.loops(controller), linear,
-        asked.peak, found.valued.violation, spent, what.scenarios, asked.seed, violating,
-        found.converged, calm, tuple((k * each, float(np.exp(c - base))) for k, c in found.trace),
-    )  # fmt: skip
-
-
-def _calm(controller: Any, what: Task) -> bool:
-    """Whether a loop comes to rest at a constant reference, from rest and after a fault.
-
-    The sensor is off by half of what the drive reaches, the other way every second sample. A cycle
-    between limits of the drive, which no linear margin tells, moves more than 1 % of that.
-    """
-    asked, plant = what.asked, what.plant
-    width = what.largest / FAR_OFF
-    goal = np.full(SHAKEN + CALMED, float(np.mean(asked.references[0])))
-    sign = 1.0 - 2.0 * ((np.arange(SHAKEN) // 2) % 2)
-    shaking = np.concatenate([0.5 * width * sign, np.zeros(CALMED)])
-    for off in (np.zeros(goal.size), shaking):
-        loop = close_loop(
-            ModelPlant(plant.model, plant.numbers), controller, goal, period=asked.period,
-            limits=asked.limits, delay=asked.delay, noise=asked.noise, disturbance=off,
-            seed=asked.seed,
-        )  # fmt: skip
-        steady = loop.position[-CALMED // 4 :]
-        moving = steady - np.linspace(steady[0], steady[-1], steady.size)
-        if float(np.std(moving)) > 0.01 * width + 3.0 * asked.noise:
-            return False
-    return True
 
 
 def _own(draw: Mapping[str, float], numbers: Mapping[str, float]) -> dict[str, float]:
@@ -376,37 +335,6 @@ def _own(draw: Mapping[str, float], numbers: Mapping[str, float]) -> dict[str, f
     return {k: v for k, v in draw.items() if k in numbers}
 
 
-def period_of(plant: Identified, period: float | str | None) -> float:
-    """The period of the sampling [s]: as given, or that of the record.
-
-    Raises:
-        InputError: neither is there, or it is no time.
-    """
-    if period is None and plant.period is None:
-        raise InputError("How often the loop is sampled is not known: give period='1 ms'.")
-    found = plant.period if period is None else quantity(period, "s")
-    if found is None or not 0.0 < found < np.inf:
-        raise InputError(f"period = {period}: give the time between two samples, '1 ms'")
-    return found
-
-
 def _better(ends: Sequence[Found]) -> Found:
     """Of several ends the best: limits first, then cost."""
     return min(ends, key=lambda f: f.valued.cost + PENALTY * f.valued.violation)
-
-
-def references_of(reference: ArrayLike | Sequence[ArrayLike]) -> tuple[FloatArray, ...]:
-    """One reference or several, as arrays.
-
-    Raises:
-        InputError: fewer than two values, or one that is not finite.
-    """
-    several = isinstance(reference, list | tuple) and np.ndim(reference[0]) == 1
-    found = tuple(
-        np.asarray(one, dtype=float)
-        for one in (reference if several else [reference])  # type: ignore[union-attr]
-    )
-    for one in found:
-        if one.ndim != 1 or one.size < 2 or not np.isfinite(one).all():
-            raise InputError("reference: give at least two finite values, one for each period")
-    return found

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
+from piezo_opt.control.calm import calm
 from piezo_opt.control.closed_loop import ClosedLoop, Limits, close_loop
 from piezo_opt.control.identified import Source
 from piezo_opt.control.linearise import linearise
@@ -18,7 +19,7 @@ from piezo_opt.control.loop_program import Asked
 from piezo_opt.control.mpc import MPC
 from piezo_opt.control.plant import ModelPlant
 from piezo_opt.control.scenarios import scenarios as drawn
-from piezo_opt.control.tune_loop import Task, task
+from piezo_opt.control.task import Task, task
 from piezo_opt.errors import InputError
 from piezo_opt.units import show
 from piezo_opt.values import Values
@@ -58,6 +59,9 @@ class TunedMPC:
         simulations: loops that were simulated.
         scenarios, seed: draws from the fit's covariance; 0 for the fit's values alone.
         others: (k,) rms error on further draws, which the controller does not know [m].
+        calm: whether the loop comes to rest after a step, and after a fault of the sensor that has
+            driven it into its limits.
+        remarks: sentences on the plant.
     """
 
     controller: MPC
@@ -74,6 +78,8 @@ class TunedMPC:
     scenarios: int
     seed: int
     others: FloatArray
+    calm: bool
+    remarks: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         low = min(float(one.drive.min()) for one in self.loops)
@@ -83,7 +89,8 @@ class TunedMPC:
             "MPC with the fitted model, min sum ((y - r) / Y)^2 + weight (move / U)^2:",
             f"horizon {self.horizon} periods ({show(self.horizon * self.period, 's')}), weight "
             f"{self.weight:.3g}, filter for {show(self.noise, 'm')} of noise in the reading and "
-            f"{show(self.drive_noise, 'V')} in the drive",
+            f"{show(self.drive_noise, 'V')} in the drive, a reading further off than "
+            f"{show(self.gate, 'm')} is none",
             f"sampled every {show(self.period, 's')}; drive within {self.limits.told()}, {low:.4g} "
             f"to {high:.4g} V used",
             f"expected error {show(max(one.rms for one in self.loops), 'm')} rms, "
@@ -102,7 +109,17 @@ class TunedMPC:
                 "A sample takes longer than the period: sample more slowly or take a shorter "
                 "horizon."
             )
-        return "\n".join(lines)
+        if not self.calm:
+            lines.append(
+                "A step or a fault of the sensor leaves it swinging between the limits of its "
+                "drive: sample faster, or take a longer horizon."
+            )
+        return "\n".join([*lines, *self.remarks])
+
+    @property
+    def gate(self) -> float:
+        """Distance from what the filter expects beyond which a reading is none [m]."""
+        return float(self.controller.observer.noises[3])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, SI units, with a ``schema`` key."""
@@ -120,6 +137,8 @@ class TunedMPC:
             "scenarios": self.scenarios,
             "seed": self.seed,
             "others": self.others.tolist(),
+            "calm": self.calm,
+            "remarks": list(self.remarks),
         }  # fmt: skip
 
 
@@ -144,6 +163,8 @@ def tune_mpc(
     The horizon is the shortest of 5 to 80 periods whose loop errs by 2 % more than the best one at
     most. Weight of the moves and noise of the drive are searched by Nelder and Mead's simplex for
     the smallest rms error of the loop, in the mean over the fit's own values and the scenarios.
+    The filter passes over a reading that is further from what it expects than the whole range that
+    the drive reaches: whatever the model lacks, an actuator is never that far off.
 
     Args:
         plant: a fit, the JSON of one, or a model with ``values``.
@@ -232,15 +253,18 @@ class _Search:
             own.with_({k: v for k, v in d.of_record(0).items() if k in own}) for d in draws
         )
 
-    def controller(self, x: FloatArray, horizon: int, reference: FloatArray) -> MPC:
-        """With these logarithms of weight and noise."""
+    def controller(self, x: FloatArray, horizon: int, reference: FloatArray | None) -> MPC:
+        """With these logarithms of weight and noise; a reference that is known before."""
         plant, asked = self._what.plant, self._what.asked
         return MPC(
             plant.model, plant.numbers, period=asked.period, span=self._span, horizon=horizon,
             limits=asked.limits, stroke=self._stroke, weight=float(10.0 ** x[0]),
             noise=self._filtered, drive_noise=self._drive_noise(x), delay=asked.delay,
-            reference=reference if self._preview else None,
+            gate=self._what.width or float("inf"), reference=reference,
         )  # fmt: skip
+
+    def _ahead(self, reference: FloatArray) -> FloatArray | None:
+        return reference if self._preview else None
 
     def _drive_noise(self, x: FloatArray) -> float:
         """Of the filter [V]."""
@@ -250,7 +274,7 @@ class _Search:
         """Mean over references and the fit's values and scenarios of the rms error [m]."""
         asked: Asked = self._what.asked
         each = [
-            self._loop(self.controller(x, horizon, r), values, k).rms
+            self._loop(self.controller(x, horizon, self._ahead(r)), values, k).rms
             for k, r in enumerate(asked.references)
             for values in self._plants[:most]
         ]
@@ -274,7 +298,7 @@ class _Search:
         """The best controller, run on the fit's values and on others."""
         what, asked = self._what, self._what.asked
         x = self._best[1]
-        controllers = [self.controller(x, horizon, r) for r in asked.references]
+        controllers = [self.controller(x, horizon, self._ahead(r)) for r in asked.references]
         clocks = [_Clocked(one) for one in controllers]
         numbers = what.plant.numbers
         loops = tuple(self._loop(c, numbers, k) for k, c in enumerate(clocks))  # type: ignore[arg-type]
@@ -294,6 +318,7 @@ class _Search:
             controllers[0], asked.period, asked.limits, horizon, horizons, float(10.0 ** x[0]),
             self._filtered, self._drive_noise(x), loops, (float(middle), float(late)),
             self._count + len(loops) + others.size, what.scenarios, asked.seed, others,
+            calm(self.controller(x, horizon, None), what), what.remarks,
         )  # fmt: skip
 
 

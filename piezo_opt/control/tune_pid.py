@@ -11,7 +11,8 @@ from piezo_opt.control.cost import Criterion
 from piezo_opt.control.identified import Source
 from piezo_opt.control.pid import PID
 from piezo_opt.control.pid_family import PIDFamily
-from piezo_opt.control.tune_loop import Tuned, task, tune
+from piezo_opt.control.task import task
+from piezo_opt.control.tune_loop import Tuned, tune
 
 
 def tune_pid(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from piezo_opt.control.identified import Source, identified
 from piezo_opt.control.linearise import linearise
 from piezo_opt.control.modes import Mode, modes, vibration
+from piezo_opt.control.observable import remarks
 from piezo_opt.control.robust_shaper import robust
 from piezo_opt.control.scenarios import scenarios as drawn
 from piezo_opt.control.shapers import Shaper, ei, insensitivity, zv, zvd
@@ -71,6 +72,7 @@ class TunedShaper:
         frequencies: (k,) of the largest mode of the actuators that the record allows [Hz].
         allowed: share of the swinging that may stay.
         scenarios, seed: draws of the design.
+        remarks: sentences on the plant.
     """
 
     shaper: Shaper
@@ -81,6 +83,7 @@ class TunedShaper:
     allowed: float
     scenarios: int
     seed: int
+    remarks: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         told = " and ".join(
@@ -107,7 +110,7 @@ class TunedShaper:
             f"{a:.4f} at {show(float(t), 's')}"
             for a, t in zip(self.shaper.amplitudes, self.shaper.times, strict=True)
         )
-        return "\n".join([*lines, "", f"{self.reason} Impulses: {impulses}."])
+        return "\n".join([*lines, "", f"{self.reason} Impulses: {impulses}.", *self.remarks])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, SI units, with a ``schema`` key."""
@@ -127,6 +130,7 @@ class TunedShaper:
             "allowed": self.allowed,
             "scenarios": self.scenarios,
             "seed": self.seed,
+            "remarks": list(self.remarks),
         }  # fmt: skip
 
 
@@ -161,7 +165,7 @@ def tune_shaper(
         progress: told how it goes.
 
     Raises:
-        InputError: nothing of the model swings, or shares that are none.
+        InputError: nothing of the model swings, or it runs away by itself; shares that are none.
     """
     known = identified(plant, values)
     if not 0.0 < allowed < 1.0 or not 0.0 <= spread < 0.5 or scenarios < 1:
@@ -185,7 +189,9 @@ def tune_shaper(
             found.append(tuple(Mode(off * m.omega, m.zeta, m.share) for m in swinging))
         return found
 
-    own = modes(linearise(known.model, known.numbers, at=at))
+    linear = linearise(known.model, known.numbers, at=at)
+    said = remarks(linear)
+    own = modes(linear)
     first = own[0]
     say(f"{scenarios} actuators that the record allows")
     design = actuators(scenarios, seed)
@@ -200,7 +206,7 @@ def tune_shaper(
     chosen, reason = _chosen(rows, allowed)
     frequencies = np.array([one[0].omega for one in others]) / (2.0 * np.pi)
     return TunedShaper(
-        chosen, reason, rows, own, frequencies, allowed, scenarios, seed
+        chosen, reason, rows, own, frequencies, allowed, scenarios, seed, said
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from typer.testing import CliRunner, Result
 
 import piezo_opt as po
 from piezo_opt.cli import app
+from piezo_opt.control import identified
 from piezo_opt.effects import BoucWen, PiezoGain, SecondOrder
 
 MODEL = PiezoGain() + BoucWen() + SecondOrder()
@@ -63,6 +64,21 @@ def test_each_designs_says_draws_and_writes(
         assert data["schema"] == f"piezo_opt/tune_{kind}/1"
         assert data["controller"]["kind"] == kind
     assert picture.read_bytes()[:4] == b"\x89PNG"
+    # The actuator that it is for leaves from the same file, with its sampling and its doubts.
+    own, theirs = identified(out), identified(folder / "fit.json")
+    assert own.numbers == pytest.approx(theirs.numbers, rel=1e-12)
+    assert (own.period, own.drive, own.noise) == (theirs.period, theirs.drive, theirs.noise)
+    assert own.covariance == pytest.approx(theirs.covariance, rel=1e-12)
+    code = CliRunner().invoke(app, ["export", "c", str(out), "--out", str(tmp_path / "plant")])
+    assert code.exit_code == 0, code.output
+    assert (tmp_path / "plant" / "actuator.c").exists()
+    law = ["export", "controller", str(out), "--period", "500 us", "--out", str(tmp_path / "law")]
+    code = CliRunner().invoke(app, law)
+    if kind == "feedforward":
+        assert code.exit_code == 2
+        assert "is a drive and no controller" in code.stderr
+    else:
+        assert code.exit_code == 0, code.output
     again = run(kind, folder / "fit.json", "--json", out)
     assert again.exit_code == 2
     assert "exists already" in again.stderr

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import control
 import numpy as np
 import pytest
 
 import piezo_opt as po
-from piezo_opt.control import Limits, ModelPlant, close_loop, linearise, tune_lqr, tune_pid
+from piezo_opt.control import PID, Limits, ModelPlant, close_loop, linearise, tune_lqr, tune_pid
+from piezo_opt.control.calm import calm
 from piezo_opt.control.loop_program import LoopProgram
 from piezo_opt.control.lqg_family import LQGFamily
-from piezo_opt.control.margins import sampled
-from piezo_opt.control.tune_loop import task
-from piezo_opt.effects import BoucWen, Creep, PiezoGain, SecondOrder
+from piezo_opt.control.margins import response, sampled
+from piezo_opt.control.minimal import KEPT, minimal
+from piezo_opt.control.task import task
+from piezo_opt.effects import BoucWen, Creep, PiezoGain, SecondMode, SecondOrder
 from piezo_opt.errors import InputError
 
 STAGE = PiezoGain() + BoucWen() + Creep(elements=1) + SecondOrder()
@@ -115,11 +120,75 @@ def test_what_cannot_be_is_said_at_design_time() -> None:
         tune_lqr(STAGE, 2.0 * SAW, limits=LIMITS, **asked)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="as long as the reference"):
         tune_pid(STAGE, SAW, delay=300, **asked)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="does not show every state"):
-        # Two resonances that are one: the reading cannot tell whose swing it is.
-        tune_lqr(
-            PiezoGain() + Creep(elements=2) + SecondOrder(), SAW, period=PERIOD,
-            values={**{k: v for k, v in VALUES.items() if k[:4] != "bouc"}, "creep.spread": 1.0},
-        )  # fmt: skip
     with pytest.raises(InputError, match="How often the loop is sampled"):
         tune_lqr(STAGE, SAW, values=VALUES)
+
+
+def test_what_is_left_out_changes_the_response_by_less_than_is_said() -> None:
+    """Balanced truncation against frequency responses; nothing goes where nothing may."""
+    model = PiezoGain() + Creep(elements=7) + SecondOrder() + SecondMode()
+    values = {k: v for k, v in VALUES.items() if k[:4] != "bouc"} | {
+        "creep.tau": 0.05, "creep.spread": 0.4, "second_mode.g": 0.02, "second_mode.omega": 2400.0,
+        "second_mode.zeta": 0.02,
+    }  # fmt: skip
+    whole = sampled(linearise(model, values), 5e-4)
+    found = minimal(whole)
+    kept = found.plant[0].shape[0]
+    assert 4 < kept < whole[0].shape[0]
+    z = np.exp(1j * np.geomspace(1e-5, np.pi, 3000))
+    gain = float(np.asarray(linearise(model, values).dcgain()).ravel()[0])
+    off = np.abs(response(found.plant, z) - response(whole, z)).max() / gain
+    assert 0.01 * found.off < off <= found.off <= KEPT
+    assert f"{kept} of {whole[0].shape[0]} states" in found.remarks[0]
+    # A plant of two states that the drive moves and the reading shows is whole.
+    small = sampled(linearise(PiezoGain() + SecondOrder(), values), 5e-4)
+    assert minimal(small).plant[0].shape == (2, 2)
+    assert minimal(small).remarks == ()
+
+
+def test_a_loop_that_a_fault_leaves_swinging_is_made_softer() -> None:
+    model = PiezoGain() + Creep(elements=2) + SecondOrder()
+    values = {k: v for k, v in VALUES.items() if k[:4] != "bouc"}
+    asked = {"period": PERIOD, "values": values, "limits": LIMITS, "noise": 5e-9}
+    tuned = tune_lqr(model, SAW, **asked)  # type: ignore[arg-type]
+    what = task(model, SAW, peak=1.6, **asked)  # type: ignore[arg-type]
+    assert tuned.calm
+    assert calm(tuned.controller, what)
+    assert tuned.swinging is not None
+    assert tuned.swinging < tuned.cost < 2.0 * tuned.swinging
+    assert "Made softer than the closest" in str(tuned)
+    # The closest one does swing, after a step alone.
+    family = LoopProgram(what.plant.model, what.plant.numbers, (), what.asked, LQGFamily).family
+    closest = family.controller(np.array([-9.0, -9.0, -7.95, -1.05]))
+    assert not calm(closest, what)
+
+
+@pytest.mark.parametrize("design", [po.tune_pid, po.tune_lqr, po.tune_mpc, po.tune_shaper])
+def test_hidden_states_and_a_model_that_runs_away_are_said_at_design_time(
+    design: Callable[..., Any],
+) -> None:
+    model = PiezoGain() + Creep(elements=2) + SecondOrder()
+    values = {k: v for k, v in VALUES.items() if k[:4] != "bouc"}
+    loop = {"period": PERIOD, "limits": LIMITS, "noise": 5e-9}
+    if design is po.tune_mpc:
+        loop["horizon"] = 5
+    asked: tuple[Any, ...] = (SAW[:150],)
+    if design is po.tune_shaper:
+        loop, asked = {"scenarios": 1}, ()
+    # Two elements of one time constant: the reading shows their sum.
+    said = "The reading does not show creep.z[0] and creep.z[1] one by one"
+    twice = design(model, *asked, values={**values, "creep.spread": 0.0}, **loop)
+    assert said in str(twice).splitlines()[-1]
+    assert said in twice.to_dict()["remarks"][0]
+    assert said not in str(design(model, *asked, values=values, **loop))
+    with pytest.raises(InputError, match="runs away by itself at a constant drive, e-fold in"):
+        design(model, *asked, values={**values, "second_order.zeta": -0.02}, **loop)
+
+
+def test_a_start_that_is_unstable_is_said() -> None:
+    asked = {"period": PERIOD, "values": VALUES, "limits": LIMITS}
+    wild = tune_pid(STAGE, SAW, start=PID(1e9, 1e12, 1e6, 1e-4), **asked)  # type: ignore[arg-type]
+    assert "start's gains make the loop unstable" in str(wild)
+    assert wild.margins.stable
+    tame = tune_pid(STAGE, SAW, start=PID(1e3, 1e8, 0.0, 1e-3), **asked)  # type: ignore[arg-type]
+    assert "unstable" not in str(tame)

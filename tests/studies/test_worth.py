@@ -54,7 +54,7 @@ def test_references_begin_at_rest_and_stay_within_their_ends() -> None:
 def test_on_one_plant_the_diagnosis_is_worth_what_the_study_says() -> None:
     """The whole way on one plant of the twenty, with the controllers that take no search."""
     found = po.study_worth(
-        1, 1, controllers=("PID", "inverse", "feedforward"), references=("triangle",), samples=1500
+        1, 1, controllers=("PID", "LQR", "inverse", "feedforward"), references=("triangle",), samples=1500
     )
     (plant,) = found.plants
     assert plant.error == ""
@@ -67,6 +67,10 @@ def test_on_one_plant_the_diagnosis_is_worth_what_the_study_says() -> None:
     assert found.ratio(
         "triangle", ("feedforward", "undiagnosed"), ("feedforward", "diagnosed")
     ).value > 2.0  # fmt: skip
+    # State feedback on seven creep elements and two modes, in the states that matter.
+    for model in ("undiagnosed", "diagnosed", "truth"):
+        (error,) = found.errors("triangle", "LQR", model)
+        assert error < found.errors("triangle", "PID", model)[0] / 3.0
     assert np.isnan(found.errors("triangle", "inverse", "diagnosed")).all()
     assert np.isnan(found.errors("staircase", "PID", "truth")).all()
     told = str(found)
@@ -137,7 +141,7 @@ def test_an_interrupt_keeps_the_plants_that_were_finished(
 
 
 def test_names_that_there_are_not_are_refused() -> None:
-    with pytest.raises(InputError, match="There is no 'LQR': there are PID"):
-        po.study_worth(1, controllers=("LQR",))
+    with pytest.raises(InputError, match="There is no 'LQG': there are PID, LQR"):
+        po.study_worth(1, controllers=("LQG",))
     with pytest.raises(InputError, match="at least 1 plant"):
         po.study_worth(0)

@@ -278,6 +278,11 @@ def _read(file: Path) -> tuple[Law, float | None, Limits | None]:
             what = given(file)
             every = None if what.sampling is None else what.sampling[0]
             return InverseCompensation.of_values(what.model, what.values), every, None
+        if "feedforward" in str(data.get("schema")):
+            raise InputError(
+                f"{file}: is a drive and no controller: write it with --out of piezo-opt tune "
+                "feedforward, and play it"
+            )
         own = data["controller"]
         kind = own["kind"]
     except (UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError) as error:

@@ -13,6 +13,7 @@ from piezo_opt.control import (
     Limits,
     identified,
     optimal_feedforward,
+    tune_lqr,
     tune_mpc,
     tune_pid,
 )
@@ -67,6 +68,13 @@ def _pid(fit: Fit, wanted: Wanted) -> Any:
     ).controller  # fmt: skip
 
 
+def _lqr(fit: Fit, wanted: Wanted) -> Any:
+    return tune_lqr(
+        fit, wanted.reference, period=wanted.period, limits=wanted.limits,
+        noise=wanted.noise_for(fit),
+    ).controller  # fmt: skip
+
+
 def _inverse(fit: Fit, _: Wanted) -> Any:
     beyond = [
         name for name, effect in fit.model if type(effect) not in (PiezoGain, BoucWen, SecondOrder)
@@ -91,12 +99,12 @@ def _mpc(fit: Fit, wanted: Wanted) -> Any:
     return MPC(
         actuator.model, actuator.numbers, period=wanted.period, span=found.controller.span,
         horizon=HORIZON, limits=wanted.limits, weight=found.weight, noise=found.noise,
-        drive_noise=found.drive_noise, reference=wanted.reference,
+        drive_noise=found.drive_noise, gate=found.gate, reference=wanted.reference,
     )  # fmt: skip
 
 
 DESIGNS: Final[Mapping[str, Callable[[Fit, Wanted], Any]]] = MappingProxyType(
-    {"PID": _pid, "inverse": _inverse, "feedforward": _feedforward, "MPC": _mpc}
+    {"PID": _pid, "LQR": _lqr, "inverse": _inverse, "feedforward": _feedforward, "MPC": _mpc}
 )
 CONTROLLERS: Final = tuple(DESIGNS)
 """Names of the controllers that are compared."""
