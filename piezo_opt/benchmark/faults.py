@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from piezo_opt.benchmark.table import table
 from piezo_opt.control import (
-    MPC,
     InverseCompensation,
     Limits,
     ModelPlant,
     tune_lqr,
+    tune_mpc,
     tune_pid,
 )
 from piezo_opt.effects import BoucWen, Creep, PiezoGain, SecondOrder
@@ -116,10 +116,7 @@ def controllers() -> Mapping[str, Any]:
         "PID": tune_pid(STAGE, saw, **asked).controller,
         "LQR": tune_lqr(STAGE, saw, **asked).controller,
         "inverse": InverseCompensation.of_values(STAGE, VALUES),
-        "MPC": MPC(
-            STAGE, VALUES, period=PERIOD, span=5e-6, horizon=10, limits=LIMITS, weight=1e-5,
-            noise=NOISE, drive_noise=0.05, gate=3e-6,
-        ),
+        "MPC": tune_mpc(STAGE, saw, horizon=10, preview=False, **asked).controller,
     }  # fmt: skip
 
 

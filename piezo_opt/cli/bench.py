@@ -10,6 +10,7 @@ import typer
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.bench_control import control
 from piezo_opt.cli.bench_faults import faults
 from piezo_opt.cli.bench_optimisers import optimisers
 from piezo_opt.cli.bench_speed import speed
@@ -40,6 +41,7 @@ class Plants(Enum):
     FOREIGN = "foreign"
 
 
+bench.command()(control)
 bench.command()(faults)
 bench.command()(optimisers)
 bench.command()(speed)

@@ -31,6 +31,32 @@ def test_the_design_is_better_than_where_it_began() -> None:
     assert found.to_dict()["controller"]["horizon"] == found.horizon
 
 
+def test_a_reading_beyond_the_actuator_s_range_is_passed_over() -> None:
+    """The filter's gate is the range that the drive reaches; without it spikes are followed."""
+    found = po.tune_mpc(
+        STAGE, SAW[:201], period=PERIOD, values=VALUES, limits=LIMITS, noise=5e-9, horizon=10
+    )  # fmt: skip
+    assert found.gate == pytest.approx(np.ptp(SAW), rel=0.5)
+    assert found.calm
+    assert "is none" in str(found)
+    assert found.to_dict()["controller"]["gate"] == found.gate
+    own = found.controller
+    open_ = po.MPC(
+        STAGE, VALUES, period=PERIOD, span=own.span, horizon=10, limits=LIMITS, weight=own.weight,
+        noise=found.noise, drive_noise=found.drive_noise, reference=SAW,
+    )  # fmt: skip
+    spikes = np.where(np.random.default_rng(3).random(SAW.size) < 0.05, 1e-3, 0.0)
+    errors = []
+    for controller in (own, open_):
+        loop = close_loop(
+            po.ModelPlant(STAGE, VALUES), controller, SAW, period=PERIOD, limits=LIMITS,
+            noise=5e-9, disturbance=spikes,
+        )  # fmt: skip
+        errors.append(float(np.sqrt(np.mean((loop.error + spikes)[:200] ** 2))))
+    assert errors[0] < 3.0 * found.loops[0].rms
+    assert errors[1] > 10.0 * errors[0]
+
+
 def test_what_cannot_be_is_said_at_design_time() -> None:
     asked = {"period": PERIOD, "values": VALUES, "limits": LIMITS}
     with pytest.raises(InputError, match="as long as the longest horizon"):

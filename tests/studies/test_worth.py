@@ -54,7 +54,11 @@ def test_references_begin_at_rest_and_stay_within_their_ends() -> None:
 def test_on_one_plant_the_diagnosis_is_worth_what_the_study_says() -> None:
     """The whole way on one plant of the twenty, with the controllers that take no search."""
     found = po.study_worth(
-        1, 1, controllers=("PID", "LQR", "inverse", "feedforward"), references=("triangle",), samples=1500
+        1,
+        1,
+        controllers=("PID", "LQR", "inverse", "feedforward"),
+        references=("triangle",),
+        samples=1500,
     )
     (plant,) = found.plants
     assert plant.error == ""
