@@ -36,7 +36,7 @@ HORIZON: Final = 50
 LOW, SLEW = -5.0, 8.5e3
 WEIGHT: Final = 1e-5
 NOISE: Final = 5e-9
-SHARE: Final = {"IPOPT": 20, "FATROP": 20, "do-mpc": 50}
+SHARE: Final = {"IPOPT": 50, "FATROP": 30, "do-mpc": 50}
 """Of the samples of the iteration, the others run on one in so many: they take seconds."""
 FEWEST: Final = 20
 CONVERGED: Final = 15
