@@ -78,12 +78,15 @@ class Alternatives:
     Attributes:
         points: of each way and setting.
         skipped: ways that are not installed, and why.
-        exported: nanoseconds of exported C over those of C by hand, the same scheme in turns.
+        exported: nanoseconds of exported C over those of C by hand, the same scheme in turns, one
+            sub-step a sample.
+        called: the same where a program calls it sample by sample.
     """
 
     points: tuple[Point, ...]
     skipped: Mapping[str, str]
     exported: float
+    called: float
 
     def at(self, way: str, error: float = EQUAL) -> float:
         """Nanoseconds a sample of a way where it errs by so much at most; infinite where never.
@@ -110,7 +113,7 @@ class Alternatives:
         """Plain data."""
         return {
             "points": [dict(p.__dict__) for p in self.points], "skipped": dict(self.skipped),
-            "exported": self.exported, "best": self.best,
+            "exported": self.exported, "called": self.called, "best": self.best,
             "at": {w: t if (t := self.at(w)) < np.inf else None for w in self.ways},
         }  # fmt: skip
 
@@ -126,7 +129,8 @@ class Alternatives:
 
         rows = [row(w) for w in self.ways] + [(w, why, "") for w, why in self.skipped.items()]
         return (
-            f"Exported C takes {self.exported:.2f} times C by hand, the same scheme.\n\n"
+            f"Exported C takes {self.exported:.2f} times C by hand, the same scheme; called sample "
+            f"by sample {self.called:.2f} times.\n\n"
             + table((f"at {EQUAL:g} of the stroke", "ns/sample", "over our best"), rows)
         )
 
@@ -151,7 +155,8 @@ def alternatives(
     truth = _ours(record, values, Substeps(1.0 / RATE / _FINE, 1e9, exact=True))()
     stroke = float(np.ptp(truth))
     fast: dict[tuple[str, str], Run] = {}
-    hand, out = _by_hand(record, values), _exported(record, values)
+    hand = _by_hand(record, values)
+    out, called = (_exported(record, values, f"po_{one}") for one in ("run", "called"))
     loop = _numba(record, values)
     for n in _CUTS:
         cut, told = 1.0 / RATE / n, f"{n} sub-steps"
@@ -161,6 +166,7 @@ def alternatives(
         fast["ours, Runge-Kutta", told] = _ours(record, values, Substeps(cut, 1e9))
         fast["C by hand", told] = hand(n)
         fast["exported C", told] = out(n)
+        fast["exported C, sample by sample", told] = called(n)
         if loop is not None:
             fast["numba loop", told] = loop(n)
     progress("alternatives")
@@ -187,9 +193,11 @@ def alternatives(
         progress("diffrax")
         points += _slow("diffrax", _diffrax(brief, values), truth, stroke)
     one = f"{_CUTS[0]} sub-steps"
-    return Alternatives(
-        tuple(points), skipped, least["exported C", one] / least["C by hand", one]
-    )  # fmt: skip
+    ratios = (
+        least[way, one] / least["C by hand", one]
+        for way in ("exported C", "exported C, sample by sample")
+    )
+    return Alternatives(tuple(points), skipped, *ratios)
 
 
 def _slow(
@@ -236,8 +244,16 @@ def _by_hand(record: Measurement, values: Values) -> Callable[[int], Run]:
     return lambda n: lambda: run(n)
 
 
-_LOOP: Final = """
+_LOOPS: Final = """
 void po_run(long count, double step, double longest, const double *U, double *Y)
+{
+    actuator a;
+    actuator_init(&a, U[0]);
+    a.longest_substep = longest;
+    Y[0] = actuator_output(&a);
+    actuator_run(&a, step, count - 1, U + 1, Y + 1);
+}
+void po_called(long count, double step, double longest, const double *U, double *Y)
 {
     actuator a;
     actuator_init(&a, U[0]);
@@ -248,16 +264,16 @@ void po_run(long count, double step, double longest, const double *U, double *Y)
 """
 
 
-def _exported(record: Measurement, values: Values) -> Callable[[int], Run]:
-    """The exported code, called sample by sample as a program does."""
+def _exported(record: Measurement, values: Values, function: str) -> Callable[[int], Run]:
+    """The exported code, given the whole drive at once, or called sample by sample."""
     what = given(MODEL, values)
     ready = plan(what, system_of(what), "actuator", Substeps(1.0 / RATE, 1e9), 1.0 / RATE)
     header, source = text(ready, DOUBLE)
     own = source.replace('#include "actuator.h"', "")
-    library = load(f"{header}\n{own}\n{_LOOP}")
+    library = load(f"{header}\n{own}\n{_LOOPS}")
     if library is None:
         raise PiezoOptError("The speed of compiled code needs a C compiler: install gcc or clang.")
-    call = library.po_run
+    call = getattr(library, function)
     call.restype = None
     number = ctypes.c_double
     call.argtypes = [ctypes.c_long, number, number, ctypes.c_void_p, ctypes.c_void_p]

@@ -108,7 +108,9 @@ def test_every_effect_reads_as_in_the_library(
         assert found.share < (1e-13 if precision is DOUBLE else 3e-6)
         assert not moved or (found.slopes is not None and found.slopes < 1e-11)
     asked = undefined_of_float(tmp_path / "actuator.c")
-    assert asked <= {*"fabsf ceilf expf logf log1pf expm1f sqrtf sinf cosf tanhf".split()}  # noqa: SIM905
+    # By the last of them compilers copy structs.
+    known = "fabsf ceilf expf logf log1pf expm1f sqrtf sinf cosf tanhf memcpy"
+    assert asked <= {*known.split()}
 
 
 @pytest.mark.parametrize("late", [0.0, 0.2e-3, 1e-3, 3.7e-3])
@@ -192,7 +194,7 @@ def test_a_reader_finds_the_equations(tmp_path: Path) -> None:
     assert "rates->second_order_x = x->second_order_w;" in plain
     # No memory of its own, nothing but libm.
     assert not re.search(
-        r"\b(static (?!actuator|double|void|float|inline void)|malloc|extern (?!\"C\"))", plain
+        r"\b(static (?!actuator|double|void|float|inline\b)|malloc|extern (?!\"C\"))", plain
     )
     assert re.findall(r"#include (\S+)", source) == ['"actuator.h"', "<math.h>"]
 
@@ -250,13 +252,17 @@ def test_what_does_nothing_is_not_in_the_code(tmp_path: Path) -> None:
 
 
 def run_many(folder: Path, real: str, drive: FloatArray, step: float) -> FloatArray:
-    """The reading of a long drive, by the code as a shared library."""
+    """The reading of a long drive, by the code as a shared library, call by call and at once."""
     cc = compiler("gcc")
     (folder / "many.c").write_text(
         '#include "actuator.h"\n'
         f"void many(long n, {real} step, const {real} *u, {real} *y)\n"
         "{ actuator a; actuator_init(&a, u[0]); y[0] = actuator_output(&a);\n"
         "  for (long i = 1; i < n; ++i) y[i] = actuator_step(&a, step, u[i]); }\n"
+        f"void at_once(long n, {real} step, const {real} *u, {real} *y)\n"
+        "{ actuator a; actuator_init(&a, u[0]); y[0] = actuator_output(&a);\n"
+        "  actuator_run(&a, step, n / 2, u + 1, y + 1);\n"
+        "  actuator_run(&a, step, n - 1 - n / 2, u + 1 + n / 2, y + 1 + n / 2); }\n"
     )
     subprocess.run(
         [cc, "-std=c99", "-O2", "-shared", "-fPIC", "many.c", "actuator.c", "-lm", "-o", "many.so"],
@@ -266,10 +272,12 @@ def run_many(folder: Path, real: str, drive: FloatArray, step: float) -> FloatAr
         (np.float32, ctypes.c_float) if real == "float" else (np.float64, ctypes.c_double)
     )
     given_drive = np.ascontiguousarray(drive, dtype=kind)
-    reading = np.zeros(drive.size, dtype=kind)
-    many = ctypes.CDLL(str(folder / "many.so")).many
-    pointers = (ctypes.c_void_p(a.ctypes.data) for a in (given_drive, reading))
-    many(ctypes.c_long(drive.size), scalar(step), *pointers)
+    reading, again = (np.zeros(drive.size, dtype=kind) for _ in range(2))
+    library = ctypes.CDLL(str(folder / "many.so"))
+    for run, into in ((library.many, reading), (library.at_once, again)):
+        pointers = (ctypes.c_void_p(a.ctypes.data) for a in (given_drive, into))
+        run(ctypes.c_long(drive.size), scalar(step), *pointers)
+    np.testing.assert_array_equal(again, reading)
     return np.asarray(reading, dtype=float)
 
 

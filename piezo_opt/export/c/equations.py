@@ -11,9 +11,13 @@ def output(pen: Pen) -> list[str]:
     """The reading of the struct as it is."""
     lines = pen.written([("return", pen.plan.reading)], from_struct=True)
     unused = [] if any("a->" in line for line in lines) else ["(void)a;"]
+    n, real = pen.name, pen.real
     return [
-        f"{pen.real} {pen.name}_output(const {pen.name} *a)",
+        f"static inline {real} {n}_reading(const {n} *a)",
         *braced([*unused, *lines]),
+        "",
+        f"{real} {n}_output(const {n} *a)",
+        *braced([f"return {n}_reading(a);"]),
     ]
 
 

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 from piezo_opt.export.c import naming
 from piezo_opt.export.c.pen import Pen
+from piezo_opt.export.c.printer import WIDTH, wrapped
+from piezo_opt.export.c.stepping import run_arguments
 from piezo_opt.export.c.tangents import declared
 
 
@@ -99,6 +101,9 @@ def header(pen: Pen) -> str:
         "/* An interval [s] passes, in which the input goes to its new value along a straight",
         f"   line. Returns the reading at its end [{pen.reading_unit}]. */",
         f"{real} {n}_step({n} *a, {real} interval, {inputs});",
+        "",
+        "/* Many intervals [s] of equal length: as so many calls of the same, and faster. */",
+        *wrapped(f"void {n}_run({run_arguments(pen)});", WIDTH),
         "",
         f"/* The reading now [{pen.reading_unit}]. */",
         f"{real} {n}_output(const {n} *a);",

@@ -77,9 +77,13 @@ class Pen:
         """Every element of a state that has a rate."""
         return [name for one in self.plan.flowing for name in one.elements]
 
+    def names(self) -> tuple[str, ...]:
+        """The inputs: the drive, and further channels."""
+        return (self.plan.input, *self.plan.channels)
+
     def inputs(self) -> str:
         """The inputs as arguments."""
-        return ", ".join(f"{self.real} {one}" for one in (self.plan.input, *self.plan.channels))
+        return ", ".join(f"{self.real} {one}" for one in self.names())
 
     @property
     def drive_unit(self) -> str:

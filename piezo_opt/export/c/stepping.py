@@ -79,7 +79,7 @@ def substep(pen: Pen, moved: bool = False) -> list[str]:
         lines += [f"{n}_jump_by(a, t);"] if moved else []
         lines += [f"{n}_jump(a);"]
     scheme = "the classical Runge-Kutta scheme of order four" if plan.flowing else "exact"
-    head = f"static inline void {n}_substep({n} *a, {real} h)"
+    head = f"{n}_inline void {n}_substep({n} *a, {real} h)"
     if moved:
         head = f"static inline void {n}_substep_by({n} *a, {n}_{TANGENTS} *t, {real} h)"
         return ["/* The same, and the tangents move along. */", head, *braced(lines)]
@@ -172,11 +172,17 @@ def step(pen: Pen, moved: bool = False) -> list[str]:
     inner = _interval(pen, moved)
     if not moved:
         return [
-            f"{real} {n}_step({n} *a, {real} interval, {pen.inputs()})",
+            "/* An interval; within a loop of many the actuator may then stay in registers. */",
+            f"{n}_inline {real} {n}_advance({n} *a, {real} interval, {pen.inputs()})",
             *braced([
-                f"if (!(interval > {pen.number(0.0)})) return {n}_output(a);", *inner,
-                f"return {n}_output(a);",
+                f"if (!(interval > {pen.number(0.0)})) return {n}_reading(a);", *inner,
+                f"return {n}_reading(a);",
             ]),
+            "",
+            f"{real} {n}_step({n} *a, {real} interval, {pen.inputs()})",
+            *braced([f"return {n}_advance(a, interval, {', '.join(pen.names())});"]),
+            "",
+            *_run(pen),
         ]  # fmt: skip
     given = f"{n} *a, {n}_{TANGENTS} *t, {real} interval, {pen.inputs()}, {real} *by"
     unused = [] if any("(a, t" in line for line in inner) else ["(void)t;"]
@@ -186,9 +192,31 @@ def step(pen: Pen, moved: bool = False) -> list[str]:
             *unused,
             f"if (interval > {pen.number(0.0)}) {{", *(f"    {line}" for line in inner), "}",
             f"{n}_output_{SENSITIVITIES}(a, t, by);",
-            f"return {n}_output(a);",
+            f"return {n}_reading(a);",
         ]),
     ]  # fmt: skip
+
+
+def run_arguments(pen: Pen) -> str:
+    """What the loop over many intervals is given."""
+    real = pen.real
+    rows = ", ".join(f"const {real} *{one}" for one in pen.names())
+    return f"{pen.name} *a, {real} interval, long count, {rows}, {real} *reading"
+
+
+def _run(pen: Pen) -> list[str]:
+    """Many intervals of equal length."""
+    n = pen.name
+    now = ", ".join(f"{one}[i]" for one in pen.names())
+    # A ring is no good in registers.
+    own = pen.plan.delay is None
+    of = "&one" if own else "a"
+    said = f"for (long i = 0; i < count; ++i) reading[i] = {n}_advance({of}, interval, {now});"
+    lines = wrapped(said)
+    return [
+        *wrapped(f"void {n}_run({run_arguments(pen)})", WIDTH),
+        *braced([f"{n} one = *a;", *lines, "*a = one;"] if own else lines),
+    ]
 
 
 def _interval(pen: Pen, moved: bool) -> list[str]:

@@ -25,6 +25,14 @@ def source(pen: Pen) -> str:
     head = [*pen.title(), f'#include "{pen.name}.h"', ""]
     if pen.called - {"fabs", "sign", "smaller", "larger"} or "fabs" in pen.called:
         head += ["#include <math.h>", ""]
+    head += [
+        "#ifdef __GNUC__",
+        f"#define {pen.name}_inline static inline __attribute__((always_inline))",
+        "#else",
+        f"#define {pen.name}_inline static inline",
+        "#endif",
+        "",
+    ]
     head += lacking(pen.called, pen.name, pen.precision)
     return "\n".join([*head, *body]).rstrip() + "\n"
 
