@@ -17,6 +17,7 @@ from enum import Enum
 from typing import final
 
 from piezo_opt.diagnosis.book import Book, Start
+from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import worth
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.moves import adds, details, imitations, laws, less, pairs, still
@@ -27,6 +28,11 @@ from piezo_opt.effects.base import Effect
 from piezo_opt.identification import Fit
 from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import show
+
+_BY_CHANCE = 0.05
+"""Corrected p-value above which a score is no reason for a fit where a fit leaves noise: the usual
+level. An effect that is worth a name explains a ninth of what is left, and of some thousand samples
+even a hundredth has p-values far below it."""
 
 
 class Effort(Enum):
@@ -101,6 +107,7 @@ def search(
     book = Book(foot, len(offered), threads)
     suspects: tuple[Suspect, ...] = ()
     unscored: tuple[Unscored, ...] = ()
+    seen_in: Colour | None = None
     expanded: dict[Hypothesis, Fit] = {}
     spare: set[Hypothesis] = set()
 
@@ -130,7 +137,7 @@ def search(
                 tell(f"{_named(at)} leaves {show(fit.rms, 'm')}; fitting its neighbours")
                 near, lacking = scored(fit, offered, threads, book.colour)
                 if not suspects:
-                    suspects, unscored = near, lacking
+                    suspects, unscored, seen_in = near, lacking, book.colour
                 starts = _grown(book, at, near, effort, done=done)
                 starts += _exchanged(book, at, offered, effort, threads)
                 # Laws have more numbers than an effect and come to their own later: all go on.
@@ -139,10 +146,14 @@ def search(
                 book.race(starts)
                 if done and book.best == at:
                     break
+                # Two at a time only where one is not enough: they would crowd out single effects.
+                if not (done or is_noise(book.settled(book.best), least)):
+                    book.race(pairs(at, near, effort.near, book))
                 best = book[book.best]
                 tried = 0 if worth(before, best, book.colour) >= least else tried + 1
                 before = best if tried == 0 else before
-            suspects, unscored = scored(foot, offered, threads, book.colour)
+            if seen_in is not book.colour:
+                suspects, unscored = scored(foot, offered, threads, book.colour)
     except KeyboardInterrupt:
         book.brief = True
         return Searched(book, suspects, unscored, True)
@@ -170,18 +181,20 @@ def _lightened(book: Book, at: Members, least: float) -> Members | None:
 def _grown(
     book: Book, at: Members, near: Sequence[Suspect], effort: Effort, *, done: bool
 ) -> list[Start]:
-    """One member more, or two.
+    """One member more.
 
     Beside the foot's law without effects each is asked, because its fit is bent most by what is
-    missing; laws that took its place have the freedom not to be. Where only noise is left, few have
-    to be, and no pairs.
+    missing; laws that took its place have the freedom not to be. Where only noise is left, those
+    whose score noise alone would hardly give (see ``_BY_CHANCE``).
     """
+    if done:
+        near = [suspect for suspect in near if suspect.p_value < _BY_CHANCE]
     everybody = not at.effects and at.law == book.base.law and not done
     most = len({s.name for s in near}) if everybody else effort.near
     starts = [*adds(at, near, most, book), *details(book[at], book)]
     if done:
         return starts
-    return [*starts, *still(at, book[at], book.question), *pairs(at, near, effort.near, book)]
+    return [*starts, *still(at, book[at], book.question)]
 
 
 def _exchanged(
