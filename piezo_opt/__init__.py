@@ -59,14 +59,29 @@ if TYPE_CHECKING:
         solve,
     )
     from piezo_opt.linear_models import (
+        AxesFit,
         Detrend,
+        ModalModel,
         TransferFit,
+        axes_error,
+        fit_modes,
         fit_transfer,
         frequency_response,
+        identify_axes,
+        read_axes_model,
+        response_matrix,
         search_orders,
     )
-    from piezo_opt.measurement import Between, Campaign, Check, Measurement, check
-    from piezo_opt.readers import read, read_campaign, write
+    from piezo_opt.measurement import (
+        AxesCampaign,
+        AxesRecord,
+        Between,
+        Campaign,
+        Check,
+        Measurement,
+        check,
+    )
+    from piezo_opt.readers import read, read_axes, read_campaign, write
     from piezo_opt.report import write_report
     from piezo_opt.simulation import Initial, Many, Response, simulate, simulate_many
     from piezo_opt.studies import study_thesis, study_worth
@@ -78,6 +93,9 @@ __version__ = "0.1.0"
 __all__ = [
     "MPC",
     "PID",
+    "AxesCampaign",
+    "AxesFit",
+    "AxesRecord",
     "Between",
     "Bootstrap",
     "Campaign",
@@ -101,6 +119,7 @@ __all__ = [
     "Loss",
     "Many",
     "Measurement",
+    "ModalModel",
     "Model",
     "ModelError",
     "ModelPlant",
@@ -118,6 +137,7 @@ __all__ = [
     "Start",
     "TransferFit",
     "Values",
+    "axes_error",
     "bootstrap",
     "check",
     "close_loop",
@@ -129,8 +149,10 @@ __all__ = [
     "export_c",
     "export_controller",
     "export_fmu",
+    "fit_modes",
     "fit_transfer",
     "frequency_response",
+    "identify_axes",
     "linearise",
     "load",
     "load_campaign",
@@ -142,7 +164,10 @@ __all__ = [
     "profile_likelihood",
     "quantity",
     "read",
+    "read_axes",
+    "read_axes_model",
     "read_campaign",
+    "response_matrix",
     "save_fit",
     "search_orders",
     "signals",
@@ -177,9 +202,12 @@ _ROOMS: Final = {
         "ScipyLeastSquares Shape SingleShooting Sqp Start bootstrap default_model load_fit "
         "priors_from profile_likelihood save_fit solve "
     ),
-    "linear_models": "Detrend TransferFit fit_transfer frequency_response search_orders",
-    "measurement": "Between Campaign Check Measurement check",
-    "readers": "read read_campaign write",
+    "linear_models": (
+        "AxesFit Detrend ModalModel TransferFit axes_error fit_modes fit_transfer "
+        "frequency_response identify_axes read_axes_model response_matrix search_orders"
+    ),
+    "measurement": "AxesCampaign AxesRecord Between Campaign Check Measurement check",
+    "readers": "read read_axes read_campaign write",
     "report": "write_report",
     "simulation": "Initial Many Response simulate simulate_many",
     "studies": "study_thesis study_worth",

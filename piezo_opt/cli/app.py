@@ -29,7 +29,7 @@ FAILED = 1
 
 _ROOMS: Final = {
     **{name: name for name in ("demo", "check", "fit", "diagnose", "simulate", "compare")},
-    **{name: name for name in ("report", "linear", "bench", "study", "export", "fem")},
+    **{name: name for name in ("report", "linear", "axes", "bench", "study", "export", "fem")},
     "signal": "signal_best",
     "tune": "tune",
     "workbench": "workbench",

@@ -108,8 +108,8 @@ def _fitted(
     start: Start,
     detrend: Detrend,
 ) -> OrderSearch | TransferFit:
-    n = _range("--poles", poles)
-    m = None if zeros is None else _range("--zeros", zeros)
+    n = number_range("--poles", poles)
+    m = None if zeros is None else number_range("--zeros", zeros)
     if len(n) == 1 and m is not None and len(m) == 1 and test is None:
         return fit_transfer(train, n[0], m[0], stable=stable, start=start, detrend=detrend)
     return search_orders(
@@ -117,7 +117,7 @@ def _fitted(
     )
 
 
-def _range(option: str, text: str) -> list[int]:
+def number_range(option: str, text: str) -> list[int]:
     """[3] of "3", [2, 3, 4] of "2-4"."""
     pieces = text.split("-")
     if len(pieces) > 2 or not all(piece.strip().isdecimal() for piece in pieces):

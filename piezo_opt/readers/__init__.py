@@ -11,6 +11,7 @@ import numpy as np
 
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import Between, Campaign, Measurement
+from piezo_opt.readers.axes import read_axes
 from piezo_opt.readers.columns import Table, by_number
 from piezo_opt.readers.csv import table_from_csv
 from piezo_opt.readers.csv_writing import write_csv
@@ -19,7 +20,7 @@ from piezo_opt.readers.records import measurement_from, runs
 from piezo_opt.readers.wanted import Wanted, treated
 from piezo_opt.units import quantity
 
-__all__ = ["HOLD_SEVERAL", "headers", "read", "read_campaign", "write"]
+__all__ = ["HOLD_SEVERAL", "headers", "read", "read_axes", "read_campaign", "table_of", "write"]
 
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc")
 HOLD_SEVERAL = (".h5", ".hdf5")
@@ -88,7 +89,7 @@ def read(
     stored = _stored(file)
     if stored is not None:
         return _adjusted(file, _one_of(file, stored, record), wanted)
-    table = _table(file, wanted)
+    table = table_of(file, wanted)
     if record is None:
         return measurement_from(table, file.stem, wanted)
     parts = runs(table, wanted)
@@ -134,7 +135,7 @@ def read_campaign(
     stored = _stored(file)
     if stored is not None:
         return Campaign(tuple(_adjusted(file, one, wanted) for one in stored))
-    parts = runs(_table(file, wanted), wanted)
+    parts = runs(table_of(file, wanted), wanted)
     names = [file.stem if len(parts) == 1 else f"{file.stem} {k + 1}" for k in range(len(parts))]
     return Campaign(
         tuple(measurement_from(part, name, wanted) for part, name in zip(parts, names, strict=True))
@@ -152,7 +153,7 @@ def headers(path: str | os.PathLike[str]) -> tuple[str, ...]:
     file = Path(path)
     if _stored(file) is not None:
         return ()
-    return tuple(c.header for c in _table(file, Wanted()).columns if c.values.size)
+    return tuple(c.header for c in table_of(file, Wanted()).columns if c.values.size)
 
 
 def write(
@@ -199,7 +200,7 @@ def _stored(file: Path) -> Campaign | None:
     return campaign_from_hdf5(file)
 
 
-def _table(file: Path, wanted: Wanted) -> Table:
+def table_of(file: Path, wanted: Wanted) -> Table:
     """The columns of a file; what a format needs is loaded when a file of it is read."""
     suffix = _suffix(file)
     if suffix in HOLD_SEVERAL:
