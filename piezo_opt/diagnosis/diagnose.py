@@ -529,7 +529,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
             f"Complete{exchanged}{once}: the residual of {after}{fell} is noise as far as this "
             "record can tell."
         )
-    names = ", ".join(s.name for s in diagnosis.steps)
+    names = ", ".join(_with_group(s) for s in diagnosis.steps)
     if diagnosis.verdict == "missing":
         return f"Missing: {names}{exchanged}. The error falls from {before} to {after}."
     with_ = f"with {names}{exchanged}" if names else exchanged.removeprefix(", ")
@@ -539,6 +539,15 @@ def _verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.structure.only_elsewhere and diagnosis.unexplained is None:
         return f"Unexplained: {found}the record that is judged on is not predicted as well."
     return f"Unexplained: {found}structure is left that no effect of the catalogue explains."
+
+
+def _with_group(step: Step) -> str:
+    """An effect, and those that it may be instead."""
+    *some, last = step.group
+    if not some:
+        return step.name
+    others = ", ".join(some[1:])
+    return f"{step.name} (or {others} or {last})" if others else f"{step.name} (or {last})"
 
 
 def _exchanged(diagnosis: Diagnosis) -> str:

@@ -181,10 +181,23 @@ def _ladder(diagnosis: Diagnosis) -> list[Block]:
                 quiet=True,
             ),
         ]
-    said = []
-    if diagnosis.refined:
-        said.append(f"Fitted in more detail on the way: {', '.join(diagnosis.refined)}.")
-    return [*blocks, *([Points(tuple(said))] if said else [])]
+    said = _beside(diagnosis)
+    return [*blocks, *([Points(said)] if said else [])]
+
+
+def _beside(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """What the model needed beside the effects, in sentences."""
+    joined = [name for name in diagnosis.refined if name in diagnosis.final.model]
+    freed = [name for name in diagnosis.refined if name not in joined]
+    said = [
+        f"The base model has {name} now: {_meaning(name).rstrip('.')[:1].lower()}"
+        f"{_meaning(name).rstrip('.')[1:]}. Every actuator has it; it is no finding."
+        for name in joined
+    ]
+    if freed:
+        them = "it is" if len(freed) == 1 else "they are"
+        said.append(f"Fitted as well, because the record shows what {them}: {', '.join(freed)}.")
+    return tuple(said)
 
 
 def _left_over(diagnosis: Diagnosis) -> list[Block]:

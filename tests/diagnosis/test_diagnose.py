@@ -188,7 +188,13 @@ def test_an_error_without_end_is_null_and_called_so(missing: Diagnosis) -> None:
 
 
 def test_words(missing: Diagnosis, complete: Diagnosis, unexplained: Diagnosis) -> None:
-    assert str(missing).startswith("Missing: creep. The error falls from ")
+    first = missing.headline
+    assert first.startswith("Missing: creep")
+    assert "The error falls from " in first
+    # What it may be instead stands beside it, and nothing else.
+    (step,) = missing.steps
+    instead = first.partition("(or ")[2].partition(")")[0].replace(" or ", ", ")
+    assert [name for name in instead.split(", ") if name] == list(step.group[1:])
     assert "+ creep" in str(missing)
     assert str(complete).startswith("Complete: the residual of ")
     assert "noise as far as this record can tell" in str(complete)
