@@ -152,18 +152,16 @@ def alternatives(
     drive = 75.0 + 75.0 * np.sin(2 * np.pi * 10.0 * time) * np.sin(2 * np.pi * 1.3 * time)
     record = Measurement(time=time, drive=drive, position=1e-7 * drive, name="speed")
     values = Values.nominal(MODEL).with_(VALUES)
-    truth = _ours(record, values, Substeps(1.0 / RATE / _FINE, 1e9, exact=True))()
+    truth = ours(record, values, Substeps(1.0 / RATE / _FINE, 1e9, exact=True))()
     stroke = float(np.ptp(truth))
     fast: dict[tuple[str, str], Run] = {}
-    hand = _by_hand(record, values)
+    hand = by_hand(record, values, RATE)
     out, called = (_exported(record, values, f"po_{one}") for one in ("run", "called"))
     loop = _numba(record, values)
     for n in _CUTS:
         cut, told = 1.0 / RATE / n, f"{n} sub-steps"
-        fast["ours, linear part exact", told] = _ours(
-            record, values, Substeps(cut, 1e9, exact=True)
-        )
-        fast["ours, Runge-Kutta", told] = _ours(record, values, Substeps(cut, 1e9))
+        fast["ours, linear part exact", told] = ours(record, values, Substeps(cut, 1e9, exact=True))
+        fast["ours, Runge-Kutta", told] = ours(record, values, Substeps(cut, 1e9))
         fast["C by hand", told] = hand(n)
         fast["exported C", told] = out(n)
         fast["exported C, sample by sample", told] = called(n)
@@ -213,7 +211,8 @@ def _slow(
     return points
 
 
-def _ours(record: Measurement, values: Values, cut: Substeps) -> Run:
+def ours(record: Measurement, values: Values, cut: Substeps) -> Run:
+    """The library's simulation of :data:`MODEL` on given sub-steps."""
     system = named(MODEL, folded(MODEL))
     made = composed.program(system, cut.exact)
     if made is None:
@@ -226,7 +225,14 @@ def _ours(record: Measurement, values: Values, cut: Substeps) -> Run:
     return lambda: runner.run(axis, counts, p, x, s).reading
 
 
-def _by_hand(record: Measurement, values: Values) -> Callable[[int], Run]:
+def by_hand(record: Measurement, values: Values, rate: float) -> Callable[[int], Run]:
+    """C written by hand for :data:`MODEL`, by the number of sub-steps a sample.
+
+    Args:
+        record: gives the drive.
+        values: of the parameters.
+        rate: samples a second [Hz].
+    """
     library = load(resources.files(__package__).joinpath("by_hand.c").read_text())
     if library is None:
         raise PiezoOptError("The speed of compiled code needs a C compiler: install gcc or clang.")
@@ -238,7 +244,7 @@ def _by_hand(record: Measurement, values: Values) -> Callable[[int], Run]:
 
     def run(n: int) -> FloatArray:
         y = np.empty(drive.size)
-        call(drive.size, n, 1.0 / RATE, drive.ctypes.data, p.ctypes.data, y.ctypes.data)
+        call(drive.size, n, 1.0 / rate, drive.ctypes.data, p.ctypes.data, y.ctypes.data)
         return y
 
     return lambda n: lambda: run(n)

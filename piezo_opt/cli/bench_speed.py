@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +11,11 @@ from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.telling import telling
 from piezo_opt.errors import InputError
+
+if TYPE_CHECKING:
+    from piezo_opt.benchmark.batch_speed import BatchSpeed
+    from piezo_opt.benchmark.equal_accuracy import EqualAccuracy
+    from piezo_opt.benchmark.scaling import Scaling
 
 
 def speed(
@@ -24,6 +29,10 @@ def speed(
     alternatives: Annotated[
         bool, typer.Option(help="Also what a user would take instead, at equal accuracy.")
     ] = True,
+    scaling: Annotated[
+        bool,
+        typer.Option(help="Also how time grows with resonance, parameters and sets."),
+    ] = True,
     picture: Annotated[
         Path | None,
         typer.Option(metavar="OUT.png", help="Error against time of every way: .png or .svg."),
@@ -33,7 +42,9 @@ def speed(
 ) -> None:
     """Simulate five models, and compare with C compiled for each of them and written by hand.
 
-    Takes about a minute, most of it in the compiler that the models are judged by.
+    Then what a user would take instead at equal accuracy, by how much the best scheme is faster as
+    the resonance rises, and how time grows with derivatives and with sets of parameters. Takes
+    about two minutes.
 
     \b
     Examples:
@@ -41,6 +52,9 @@ def speed(
       piezo-opt bench speed --no-library --json speed.json --picture work_precision.png
     """
     from piezo_opt.benchmark.alternatives import alternatives as others
+    from piezo_opt.benchmark.batch_speed import measure_batch
+    from piezo_opt.benchmark.equal_accuracy import equal_accuracy
+    from piezo_opt.benchmark.scaling import measure_scaling
     from piezo_opt.benchmark.speed import measure
     from piezo_opt.readers.files import replacing
     from piezo_opt.report.speed_figures import work_precision
@@ -51,12 +65,22 @@ def speed(
     with telling("Speed") as tell:
         found = measure(samples, repetitions, library=library, progress=tell)
         beside = others(samples, repetitions, tell) if alternatives else None
+        more: dict[str, EqualAccuracy | Scaling | BatchSpeed] = {}
+        if scaling:
+            more["equal_accuracy"] = equal_accuracy(samples // 2, repetitions, progress=tell)
+            more["scaling"] = measure_scaling(samples, repetitions, progress=tell)
+            tell("many sets")
+            more["batch"] = measure_batch(repetitions=repetitions)
     typer.echo(str(found))
     if beside is not None:
         typer.echo(f"\n{beside}")
+    for one in more.values():
+        typer.echo(f"\n{one}")
     if json is not None:
-        more = {} if beside is None else {"alternatives": beside.to_dict()}
-        outputs.write_json(json, {**found.to_dict(), **more}, overwrite=overwrite)
+        told = {name: one.to_dict() for name, one in more.items()}
+        if beside is not None:
+            told["alternatives"] = beside.to_dict()
+        outputs.write_json(json, {**found.to_dict(), **told}, overwrite=overwrite)
     if picture is not None and beside is not None:
         with replacing(picture, overwrite=overwrite) as temporary:
             work_precision(beside).savefig(

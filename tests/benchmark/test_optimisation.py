@@ -98,6 +98,25 @@ def test_contenders_reach_the_best_known(name: str, loops: Posed) -> None:
     assert np.all(np.diff(found.costs) < 0)
 
 
+def test_other_starts_leave_a_minimum_that_is_not_the_best() -> None:
+    """Corners of play operators are minima: seed 5 ends in one from its own start."""
+    plays = posed("play_operators", 1)
+    alone, anew = (
+        run(plays, name, 5, 400.0, 10.0) for name in ("gauss_newton", "gauss_newton_starts")
+    )
+    assert alone.ending == "converged"
+    assert alone.costs[-1] / plays.least - 1 > 1e-4
+    assert anew.costs[-1] / plays.least - 1 < 1e-6
+    assert anew.spent <= 400.0 * (plays.best.size + 1)
+
+
+def test_sub_steps_are_cut_where_corners_would_decide() -> None:
+    history = posed("thesis_history")
+    assert history.accuracy[0].substeps.times == CASES["thesis_history"].cut == 64
+    found = run(history, "gauss_newton", 0, 400.0, 10.0)
+    assert found.costs[-1] / history.least - 1 < 1e-6
+
+
 def test_differences_pay_for_every_simulation(loops: Posed) -> None:
     exact, plain = (
         run(loops, name, 1, 400.0, 10.0) for name in ("scipy_exact", "scipy_differences")

@@ -97,6 +97,7 @@ def test_the_command_prints_and_writes(tmp_path: Path, monkeypatch: pytest.Monke
         "1",
         "--no-library",
         "--no-alternatives",
+        "--no-scaling",
     ]
     done = CliRunner().invoke(app, [*words, "--json", str(out)])
     assert done.exit_code == 0, done.output

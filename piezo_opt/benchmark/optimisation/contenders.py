@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from time import process_time
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from piezo_opt.benchmark.optimisation.libraries import FiniteDifferences, Nlopt, ParticleSwarm
 from piezo_opt.benchmark.optimisation.posed import Posed
 from piezo_opt.benchmark.optimisation.recording import Recorded
+from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import (
     CmaEs,
     Collocation,
@@ -26,6 +28,7 @@ from piezo_opt.identification import (
     ScipyLeastSquares,
 )
 from piezo_opt.identification.horizon import Horizon, ProgramSolver
+from piezo_opt.identification.multistart import draw
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.solvers.base import ResidualSolver
 from piezo_opt.identification.solvers.dense_program import DenseProgram
@@ -81,6 +84,22 @@ class _ByResiduals:
         with np.errstate(over="ignore", invalid="ignore"):
             found = solver.minimise(cast(Objective, cost), start)
         return found.ending.value, found.sentence
+
+
+_DEFAULT: Final = LevenbergMarquardt(tolerance=1e-13, crawl=0.0)
+"""The default, told to go on until 1e-6 of the cost can be judged."""
+_STARTS: Final = 100
+"""Starts of a search that begins anew, ``solve(question, starts=100)``: as many as there is budget
+for."""
+
+
+def _anew(posed: Posed, cost: Recorded, start: FloatArray, seed: int) -> tuple[str, str]:
+    """The default from the given start, then from starts drawn as :func:`solve` draws them."""
+    for index in range(_STARTS):
+        at = draw(posed.unknown, posed.question, start, seed, index)
+        with np.errstate(over="ignore", invalid="ignore"), suppress(*NO_FIT):
+            _DEFAULT.minimise(cast(Objective, cost), at)
+    return "converged", f"the best of {_STARTS} starts"
 
 
 @final
@@ -139,7 +158,11 @@ CONTENDERS: Final[Mapping[str, Contender]] = {
     for one in (
         Contender(
             "gauss_newton", "Levenberg-Marquardt on exact sensitivities: the default",
-            _ByResiduals(lambda _: LevenbergMarquardt(tolerance=1e-13)), Family.LEAST_SQUARES,
+            _ByResiduals(lambda _: _DEFAULT), Family.LEAST_SQUARES,
+        ),
+        Contender(
+            "gauss_newton_starts", "the same from up to 100 starts: solve(starts=100)",
+            _anew, Family.LEAST_SQUARES,
         ),
         Contender(
             "scipy_exact", "scipy least_squares on exact sensitivities",

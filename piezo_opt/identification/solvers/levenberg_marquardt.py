@@ -14,9 +14,8 @@ from piezo_opt.identification.solvers.base import Solution
 
 FloatArray = NDArray[np.float64]
 
-_PATIENCE, _CRAWL = 20, 1e-3
-"""So many iterations that lower the cost by less than this share are a crawl along a valley whose
-end the data cannot see (half as much in the rms)."""
+_PATIENCE = 20
+"""Iterations over which a crawl along a valley is judged."""
 
 _SMALL = 1e-3
 """Share of its size below which an unknown is stepped straight: zero has no logarithm."""
@@ -54,6 +53,9 @@ class LevenbergMarquardt:
         iterations: most steps taken.
         tolerance: relative decrease of the cost below which it has converged.
         beyond: rms [m] at which a search that has slowed down is given up; never by default.
+        crawl: share by which twenty iterations must lower the cost, or the search ends: it is on
+            its way along a valley whose end the data cannot see (half as much in the rms). 0 goes
+            to the end of every valley, which takes three times as long there.
 
     References: More (1978), The Levenberg-Marquardt algorithm, Lecture Notes in Mathematics 630;
     Madsen, Nielsen & Tingleff (2004), Methods for Non-Linear Least Squares Problems, DTU, ch. 3;
@@ -64,6 +66,7 @@ class LevenbergMarquardt:
     iterations: int = 200
     tolerance: float = 1e-9
     beyond: float = float("inf")
+    crawl: float = 1e-3
 
     @property
     def name(self) -> str:
@@ -140,7 +143,7 @@ class LevenbergMarquardt:
             if decrease <= self.tolerance * cost and predicted <= self.tolerance * cost:
                 return Solution(theta, Ending.CONVERGED, "the cost stopped falling", point=ahead)
             history.append(cost)
-            if len(history) > _PATIENCE and history[-1 - _PATIENCE] < (1.0 + _CRAWL) * cost:
+            if len(history) > _PATIENCE and history[-1 - _PATIENCE] < (1.0 + self.crawl) * cost:
                 return Solution(
                     theta, Ending.CONVERGED, "the cost falls only along a valley without end",
                     point=ahead,
