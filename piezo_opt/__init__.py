@@ -87,6 +87,7 @@ if TYPE_CHECKING:
     from piezo_opt.studies import study_thesis, study_worth
     from piezo_opt.units import quantity
     from piezo_opt.values import Values
+    from piezo_opt.video import Track, track
 
 __version__ = "0.1.0"
 
@@ -135,6 +136,7 @@ __all__ = [
     "SingleShooting",
     "Sqp",
     "Start",
+    "Track",
     "TransferFit",
     "Values",
     "axes_error",
@@ -176,6 +178,7 @@ __all__ = [
     "solve",
     "study_thesis",
     "study_worth",
+    "track",
     "tune_lqr",
     "tune_mpc",
     "tune_pid",
@@ -213,6 +216,7 @@ _ROOMS: Final = {
     "studies": "study_thesis study_worth",
     "units": "quantity",
     "values": "Values",
+    "video": "Track track",
 }
 _ROOM_OF: Final = {name: room for room, names in _ROOMS.items() for name in names.split()}
 

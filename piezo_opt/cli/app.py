@@ -31,6 +31,7 @@ _ROOMS: Final = {
     **{name: name for name in ("demo", "check", "fit", "diagnose", "simulate", "compare")},
     **{name: name for name in ("report", "linear", "axes", "bench", "study", "export", "fem")},
     "signal": "signal_best",
+    "track": "track",
     "tune": "tune",
     "workbench": "workbench",
 }

@@ -14,6 +14,7 @@ from piezo_opt.cli.bench_control import control
 from piezo_opt.cli.bench_faults import faults
 from piezo_opt.cli.bench_optimisers import optimisers
 from piezo_opt.cli.bench_speed import speed
+from piezo_opt.cli.bench_video import video
 from piezo_opt.cli.solving import pool
 from piezo_opt.cli.telling import telling
 from piezo_opt.stopping import TimeLimit
@@ -45,6 +46,7 @@ bench.command()(control)
 bench.command()(faults)
 bench.command()(optimisers)
 bench.command()(speed)
+bench.command()(video)
 
 
 @bench.callback()

@@ -15,12 +15,23 @@ from piezo_opt.readers.axes import read_axes
 from piezo_opt.readers.columns import Table, by_number
 from piezo_opt.readers.csv import table_from_csv
 from piezo_opt.readers.csv_writing import write_csv
+from piezo_opt.readers.drives import DriveSignal
 from piezo_opt.readers.parquet import is_frame, table_from_frame
-from piezo_opt.readers.records import measurement_from, runs
+from piezo_opt.readers.records import drive_from, measurement_from, runs
 from piezo_opt.readers.wanted import Wanted, treated
 from piezo_opt.units import quantity
 
-__all__ = ["HOLD_SEVERAL", "headers", "read", "read_axes", "read_campaign", "table_of", "write"]
+__all__ = [
+    "HOLD_SEVERAL",
+    "DriveSignal",
+    "headers",
+    "read",
+    "read_axes",
+    "read_campaign",
+    "read_drive",
+    "table_of",
+    "write",
+]
 
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc")
 HOLD_SEVERAL = (".h5", ".hdf5")
@@ -140,6 +151,28 @@ def read_campaign(
     return Campaign(
         tuple(measurement_from(part, name, wanted) for part, name in zip(parts, names, strict=True))
     )
+
+
+def read_drive(
+    path: str | os.PathLike[str],
+    *,
+    time: str | None = None,
+    drive: str | None = None,
+    between: Between | None = None,
+    rate: float | str | None = None,
+) -> DriveSignal:
+    """The drive alone, from a file that need not hold a reading; options as in `read`.
+
+    Raises:
+        InputError: one sentence with file, row or column, and what to do.
+    """
+    wanted = Wanted(time=time, drive=drive, between=between, rate=rate)
+    file = Path(path)
+    stored = _stored(file)
+    if stored is not None:
+        one = _adjusted(file, _one_of(file, stored, None), wanted)
+        return DriveSignal(one.time, one.drive, one.drive_unit, one.between, file)
+    return drive_from(_table(file, wanted), wanted)
 
 
 def headers(path: str | os.PathLike[str]) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ MOST_ROWS = 50_000_000
 """Longer records are refused."""
 
 
-def checked(path: str | os.PathLike[str]) -> Path:
+def checked(path: str | os.PathLike[str], *, largest: int | None = LARGEST_FILE) -> Path:
     """The path of an existing, readable, ordinary file of bearable size; else `InputError`."""
     file = Path(path)
     try:
@@ -29,7 +29,7 @@ def checked(path: str | os.PathLike[str]) -> Path:
         if not file.is_file():
             raise InputError(f"{file}: is not an ordinary file: copy the record to one")
         size = file.stat().st_size
-        if size > LARGEST_FILE:
+        if largest is not None and size > largest:
             raise InputError(
                 f"{file}: has {size / 1024**3:.1f} GiB, more than "
                 f"{LARGEST_FILE / 1024**3:.0f}: cut the record into slices and read one"

@@ -21,6 +21,7 @@ from piezo_opt.readers.columns import (
     choose,
     in_si,
 )
+from piezo_opt.readers.drives import DriveSignal
 from piezo_opt.readers.restarts import restarts
 from piezo_opt.readers.wanted import Wanted, treated
 from piezo_opt.units import quantity, same_dimension
@@ -99,6 +100,26 @@ def measurement_from(table: Table, name: str, wanted: Wanted) -> Measurement:
     except InputError as error:
         already = str(error).startswith(table.file)
         raise InputError(str(error) if already else f"{table.file}: {error}") from error
+
+
+def drive_from(table: Table, wanted: Wanted) -> DriveSignal:
+    """The drive in a table, which needs no reading beside it.
+
+    Raises:
+        InputError: no column is the drive or the time, or the clock is out of order.
+    """
+    place, time, _ = _time(table, wanted, None)
+    _, column = choose(table, DRIVE, wanted.drive)
+    if column.values.size != time.size or time.size < 2:
+        raise InputError(
+            f"{table.file}: {column.header!r} has {column.values.size} samples and the clock "
+            f"{time.size}: a drive needs two or more, and one instant for each"
+        )
+    values, unit = in_si(table, column)
+    if place is not None and wanted.rate is None:
+        _check_order(table, table.columns[place], time)
+    held = wanted.between or Between.LINEAR
+    return DriveSignal(time, values, unit, held, table.file)
 
 
 def runs(table: Table, wanted: Wanted) -> tuple[Table, ...]:
