@@ -172,7 +172,7 @@ def read_drive(
     if stored is not None:
         one = _adjusted(file, _one_of(file, stored, None), wanted)
         return DriveSignal(one.time, one.drive, one.drive_unit, one.between, file)
-    return drive_from(_table(file, wanted), wanted)
+    return drive_from(table_of(file, wanted), wanted)
 
 
 def headers(path: str | os.PathLike[str]) -> tuple[str, ...]:
