@@ -15,6 +15,7 @@ from piezo_opt.effects import Effect
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.measurement import Check
 from piezo_opt.units import show
+from piezo_opt.workbench.places import Picture, pictures
 
 if TYPE_CHECKING:  # records are shown before the solvers are loaded
     from piezo_opt.diagnosis import Diagnosis
@@ -22,6 +23,8 @@ if TYPE_CHECKING:  # records are shown before the solvers are loaded
     from piezo_opt.identification import Fit
 
 FloatArray = NDArray[np.float64]
+Signals = tuple[FloatArray, FloatArray, FloatArray]
+"""Time [s], drive and position of a record."""
 
 _SURE: Final = 1e-3
 """Chance by noise alone below which a suspect stands out."""
@@ -33,18 +36,20 @@ class Looked:
     """Records: what they show, the signals of each (time, drive, position), and what counts."""
 
     told: dict[str, Any]
-    signals: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
+    signals: tuple[Signals, ...]
     counted: tuple[NDArray[np.bool_], ...]
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A fit: what it says, the modelled reading of each record, and its iterates' rms [m]."""
+    """A fit: what it says, the modelled reading of each record, its iterates' rms [m], and for
+    each record the pictures of where its residual lives."""
 
     told: dict[str, Any]
     readings: tuple[FloatArray, ...]
     trace: tuple[float, ...]
+    places: tuple[dict[str, Picture], ...]
 
 
 @final
@@ -158,7 +163,11 @@ def fitted(fit: Fit, remarks: Sequence[str]) -> Fitted:
         "json": data,
         "toml": model_file(fit),
     }
-    return Fitted(told, fit.readings, tuple(map(float, fit.trace.rms)))
+    places = tuple(
+        pictures(found, record.drive_unit)
+        for found, record in zip(entry.where, fit.records, strict=True)
+    )
+    return Fitted(told, fit.readings, tuple(map(float, fit.trace.rms)), places)
 
 
 def _instead(one: Effect, fit: Fit) -> list[str]:

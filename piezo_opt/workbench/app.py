@@ -24,12 +24,13 @@ from starlette.types import ASGIApp
 
 from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.readers.files import LARGEST_FILE
-from piezo_opt.workbench.answers import Drive, FloatArray
+from piezo_opt.workbench.answers import Drive, FloatArray, Signals
 from piezo_opt.workbench.bench import Bench
 from piezo_opt.workbench.edits import edit_from_dict
 from piezo_opt.workbench.guard import Guard
 from piezo_opt.workbench.load import Load, Source
-from piezo_opt.workbench.traces import MOST_POINTS, envelope, outline, window
+from piezo_opt.workbench.places import picture
+from piezo_opt.workbench.traces import MOST_POINTS, envelope, outline, stretches, window
 from piezo_opt.workbench.worker import Kind
 
 _ASSETS: Final = {
@@ -91,6 +92,12 @@ def application(bench: Bench, token: str, port: int) -> ASGIApp:
     async def view(request: Request) -> Response:
         return Response(_view(bench, request.query_params), media_type="application/json")
 
+    async def brushed(request: Request) -> Response:
+        return Response(_brushed(bench, request.query_params), media_type="application/json")
+
+    async def place(request: Request) -> Response:
+        return Response(_place(bench, request.query_params), media_type="application/json")
+
     async def drive(request: Request) -> Response:
         one = _drive(bench, request.query_params.get("number", ""))
         time, (thin,) = envelope(one.time, [one.drive], MOST_POINTS // 4)
@@ -108,6 +115,8 @@ def application(bench: Bench, token: str, port: int) -> ASGIApp:
                 Route("/events", events),
                 Route("/state", state),
                 Route("/view", _told(view)),
+                Route("/brushed", _told(brushed)),
+                Route("/place", _told(place)),
                 Route("/drive", _told(drive)),
                 Route("/do", _told(do), methods=["POST"]),
                 Route("/upload", _told(upload), methods=["POST"]),
@@ -201,17 +210,33 @@ def _drive(bench: Bench, number: str) -> Drive:
     return drives[int(number)]
 
 
-def _view(bench: Bench, asked: Mapping[str, str]) -> str:
-    """Curves of one record between two instants, thinned for a screen."""
+def _signals(bench: Bench, asked: Mapping[str, str]) -> tuple[int, Signals]:
+    """The record that is asked for: its number, and time, drive and position."""
     if bench.looked is None:
         raise InputError("There is no record yet.")
     index = int(asked.get("record", "0"))
     if not 0 <= index < len(bench.looked.signals):
         raise InputError(f"There is no record number {index}.")
+    return index, bench.looked.signals[index]
+
+
+def _brushed(bench: Bench, asked: Mapping[str, str]) -> str:
+    """When a record was inside a rectangle of the plane of drive and position."""
+    _, (time, drive, position) = _signals(bench, asked)
+    left, right, low, high = (float(asked.get(k, "nan")) for k in ("left", "right", "low", "high"))
+    if not (left <= right and low <= high):
+        raise InputError("A rectangle in the plane has left <= right [V] and low <= high [m].")
+    inside = (drive >= left) & (drive <= right) & (position >= low) & (position <= high)
+    return _json({"stretches": stretches(time, inside), "samples": int(inside.sum())})
+
+
+def _view(bench: Bench, asked: Mapping[str, str]) -> str:
+    """Curves of one record between two instants, thinned for a screen."""
+    index, (time, drive, position) = _signals(bench, asked)
     begin, end = (float(asked[k]) if k in asked else None for k in ("begin", "end"))
     if any(v is not None and not math.isfinite(v) for v in (begin, end)):
         raise InputError("A stretch of time has two ends, in seconds.")
-    time, drive, position = bench.looked.signals[index]
+    assert bench.looked is not None
     part = window(time, begin, end)
     names, signals = ["drive", "position"], [drive[part], position[part]]
     fit = bench.fits.get(bench.shown)
@@ -236,6 +261,32 @@ def _view(bench: Bench, asked: Mapping[str, str]) -> str:
                 "model": _rounded(plane[1][kept], 6) if fit is not None else None,
             },
             "samples": int(part.stop - part.start),
+        }
+    )
+
+
+def _place(bench: Bench, asked: Mapping[str, str]) -> str:
+    """Where the residual of one record lives, in one of the views."""
+    fit = bench.fits.get(bench.shown)
+    if fit is None:
+        raise InputError("There is no fit yet: fit the model first.")
+    index = asked.get("record", "0")
+    if not index.isdecimal() or int(index) >= len(fit.places):
+        raise InputError(f"There is no record number {index}.")
+    views = fit.places[int(index)]
+    shown = picture(views, asked.get("by", "branch"))
+    return _json(
+        {
+            "views": list(views),
+            "across": shown.across,
+            "unit": shown.unit,
+            "x": _rounded(shown.x, 6),
+            "up": shown.up,
+            "up_unit": shown.up_unit,
+            "logarithmic": shown.logarithmic,
+            "curves": [
+                {"label": one.label, "values": _rounded(one.values, 6)} for one in shown.curves
+            ],
         }
     )
 

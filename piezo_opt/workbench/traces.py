@@ -79,3 +79,24 @@ def outline(signals: list[FloatArray], most: int = MOST_POINTS) -> NDArray[np.in
         for extreme in (np.argmin, np.argmax)
     ]
     return np.unique(np.concatenate([[0], *inside, [count - 1]]).clip(max=count - 1))
+
+
+def stretches(time: FloatArray, inside: NDArray[np.bool_], most: int = 400) -> FloatArray:
+    """Instants (K, 2) [s] at which stretches of samples begin and end, at most ``most`` of them.
+
+    Where there are more, those with the shortest pauses between them are taken together: a screen
+    shows no more. A stretch reaches half a step beyond its first and last sample.
+    """
+    edges = np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8))
+    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    if not begins.size:
+        return np.zeros((0, 2))
+    between = 0.5 * (time[1:] + time[:-1])
+    first = np.concatenate([[time[0]], between])[begins]
+    last = np.concatenate([between, [time[-1]]])[ends]
+    if begins.size > most:
+        pauses = first[1:] - last[:-1]
+        kept = np.sort(np.argsort(pauses)[-(most - 1) :])
+        first = np.concatenate([first[:1], first[1:][kept]])
+        last = np.concatenate([last[:-1][kept], last[-1:]])
+    return np.column_stack([first, last])

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -22,10 +23,17 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this ma
 
 @pytest.fixture
 def address(record: Path, tmp_path: Path) -> Iterator[str]:
-    """A server in a process of its own, as a user starts it."""
+    """The page of the record that is made here."""
+    with served(record, tmp_path) as found:
+        yield found
+
+
+@contextmanager
+def served(record: Path, folder: Path) -> Iterator[str]:
+    """A server in a process of its own, as a user starts it, and its address."""
     command = [
         sys.executable, "-m", "piezo_opt", "workbench", str(record), "--no-browser",
-        "--session", str(tmp_path / "session.json"),
+        "--session", str(folder / "session.json"),
     ]  # fmt: skip
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
@@ -73,6 +81,11 @@ def test_a_user_sees_what_is_missing_adds_it_and_takes_the_script_away(
         page.wait_for_selector("body[data-depth='1'][data-scored='yes']")
         assert _nanometres(page.locator("#steps li.now").inner_text()) < 0.6 * _nanometres(first)
         assert _coloured(page, "error", (213, 94, 0)) > 100
+        for view in ("frequency", "events", "branch"):
+            page.select_option("#by", view)
+            page.wait_for_function("document.querySelector('#place canvas') !== null")
+            page.wait_for_timeout(200)
+            assert _coloured(page, "place", (0, 114, 178)) > 100
         page.click("#undo")
         page.wait_for_selector("body[data-depth='0']")
         page.keyboard.press("r")
@@ -90,6 +103,19 @@ def test_a_user_sees_what_is_missing_adds_it_and_takes_the_script_away(
         assert samples is not None
         assert 95 <= int(samples[1]) <= 106
 
+        # Half of the plane: when the record was there is shaded over time.
+        page.keyboard.press("0")
+        box = page.locator("#plane .u-over").bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 2)
+        page.mouse.down()
+        page.mouse.move(box["x"] + box["width"] - 2, box["y"] + box["height"] - 2, steps=4)
+        page.mouse.up()
+        expect(page.locator("#brushed")).to_contain_text("samples inside")
+        found = re.search(r"(\d+) samples", page.locator("#brushed").inner_text())
+        assert found is not None
+        assert 100 < int(found[1]) < 300
+
         for name in ("Script", "JSON"):
             with page.expect_download() as download:
                 page.get_by_role("link", name=name, exact=True).click()
@@ -105,6 +131,35 @@ def test_a_user_sees_what_is_missing_adds_it_and_takes_the_script_away(
     told.pop("wall_s")
     again.pop("wall_s")
     assert again == told
+
+
+def test_the_story_on_the_loop_of_the_thesis(tmp_path: Path) -> None:
+    """The picture of the README: the likeliest suspect is added, and the error falls."""
+    from playwright.sync_api import sync_playwright
+
+    loop = Path(__file__).parents[2] / "data" / "thesis" / "hysteresis.csv"
+    with served(loop, tmp_path) as address, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        page.set_default_timeout(PATIENCE)
+        page.goto(address)
+        page.click("#fit")
+        page.wait_for_selector("body[data-depth='0'][data-scored='yes']")
+        errors = [_nanometres(page.locator("#steps li").first.inner_text())]
+        for depth in (1, 2):
+            likeliest = page.locator("#suspects li").first
+            likeliest.hover()
+            likeliest.get_by_role("button").click()
+            page.wait_for_selector(f"body[data-depth='{depth}'][data-scored='yes']")
+            errors.append(_nanometres(page.locator("#steps li.now").inner_text()))
+        page.locator("#suspects li").first.hover()
+        page.wait_for_timeout(300)
+        if keep := os.environ.get("PIEZO_OPT_STORY"):
+            page.screenshot(path=keep)
+        assert errors[2] < errors[1] < errors[0]
+        assert errors[2] < 0.8 * errors[0]
+        assert _coloured(page, "error", (213, 94, 0)) > 100
+        browser.close()
 
 
 def _nanometres(text: str) -> float:

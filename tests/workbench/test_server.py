@@ -94,6 +94,33 @@ def test_a_story_gives_a_script_with_exactly_its_numbers(
         suspects["creep"]["explains"], rel=1e-3
     )
 
+    # By branch: bins of one drive, whose means weighted by their samples are that of the residual.
+    place = page.get("place", params={"by": "branch"}).json()
+    assert [curve["label"] for curve in place["curves"]] == ["rising", "falling"]
+    drive = np.array(view["drive"])
+    turned = np.concatenate([[1.0], np.sign(np.diff(drive))])
+    for sign, curve in zip((1.0, -1.0), place["curves"], strict=True):
+        assert np.average(left[turned == sign]) == pytest.approx(
+            np.average(
+                curve["values"],
+                weights=np.histogram(drive[turned == sign], _edges(place["x"]))[0],
+            ),
+            abs=0.1 * left.std(),
+        )
+    assert set(place["views"]) == {"branch", "amplitude", "time", "frequency", "events"}
+    half = {"left": float(np.median(drive)), "right": 1e3, "low": -1.0, "high": 1.0}
+    inside = page.get("brushed", params=half).json()
+    assert inside["samples"] == int(np.sum(drive >= half["left"]))
+    clock = np.array(view["time"])
+    shaded = sum(
+        int(np.sum((clock >= begin) & (clock <= end))) for begin, end in inside["stretches"]
+    )
+    assert shaded == inside["samples"]
+    assert page.get("brushed", params={**half, "right": "nan"}).status_code == 400
+    refused = page.get("place", params={"by": "colour"})
+    assert refused.status_code == 400
+    assert "no picture by 'colour'" in refused.json()["sentence"]
+
     page.step("add", effect=suspects["creep"]["effect"])
     page.step("fix", name="bouc_wen.gamma", value=0.001)
     page.step("undo")
@@ -131,6 +158,14 @@ def test_a_story_gives_a_script_with_exactly_its_numbers(
     # All of it is in the file, whoever kills the server now.
     kept = read_session(page.bench.file)
     assert (kept.depth, len(kept.edits), kept.script) == (3, 4, script.read_text())
+
+
+def _edges(middles: list[float]) -> Any:
+    """Edges of bins of equal width, the outer ones a little wider."""
+    half = 0.5 * (middles[1] - middles[0])
+    edges = np.array([middles[0] - half, *(np.array(middles) + half)])
+    edges[[0, -1]] += [-1e-3 * half, 1e-3 * half]
+    return edges
 
 
 def test_a_search_is_taken_over_and_its_script_needs_no_search(
@@ -190,10 +225,12 @@ def test_a_killed_worker_is_told_and_the_next_click_goes_on(page: Page) -> None:
 
 def test_a_search_that_is_stopped_leaves_the_best_so_far(page: Page) -> None:
     before = page.fitted()
+    while before["depth"] > 0:  # what is missing is still to be found, which takes a while
+        before = page.step("undo")
     assert page.do("find").status_code == 200
     assert page.do("add", effect="delay").json()["sentence"].startswith("Wait, or stop it first")
     page.state(lambda s: s["kind"] == "search")
-    time.sleep(0.3)
+    time.sleep(0.1)
     assert page.do("cancel").status_code == 200
     after = page.state()
     assert after["sentences"][0].startswith("Not finished")

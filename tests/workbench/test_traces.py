@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from piezo_opt.workbench.traces import MOST_POINTS, envelope, outline, window
+from piezo_opt.workbench.traces import MOST_POINTS, envelope, outline, stretches, window
 
 
 @pytest.mark.parametrize("count", [4001, 7999, 8001, 123_457])
@@ -64,3 +66,20 @@ def test_a_window_reaches_one_sample_beyond_its_ends() -> None:
     assert window(time, None, None) == slice(0, 10)
     assert window(time, -5.0, 50.0) == slice(0, 10)
     assert time[window(time, 3.2, 3.3)].tolist() == [3.0, 4.0]
+
+
+def test_stretches_begin_and_end_half_a_step_beyond_their_samples() -> None:
+    time = np.arange(10.0)
+    inside = np.isin(time, [0, 1, 4, 8, 9])
+    assert stretches(time, inside).tolist() == [[0.0, 1.5], [3.5, 4.5], [7.5, 9.0]]
+    assert stretches(time, np.zeros(10, dtype=bool)).shape == (0, 2)
+
+
+def test_many_stretches_are_taken_together_where_the_pauses_are_shortest() -> None:
+    time = np.arange(4000.0)
+    inside = (time.astype(int) % 4) < 2  # a thousand of them
+    inside[1000:1100] = False  # the one long pause
+    found = stretches(time, inside, most=5)
+    assert found.shape == (5, 2)
+    assert any(end < 1001 and begin > 1098 for (_, end), (begin, _) in pairwise(found.tolist()))
+    assert (found[0, 0], found[-1, 1]) == (0.0, 3997.5)

@@ -61,6 +61,7 @@ let record = 0;
 let live = []; // iterates of the step that is being solved
 let plots = {};
 let asked = 0;
+let marks = []; // stretches of time that were brushed in the plane
 
 async function post(body) {
   const answer = await fetch("do", {
@@ -100,6 +101,16 @@ function overTime(key, yLabel, series) {
       bind: { dblclick: () => () => { look(null); } },
     },
     hooks: {
+      drawClear: [(u) => {
+        u.ctx.save();
+        u.ctx.globalAlpha = 0.25; u.ctx.fillStyle = css("--suspect");
+        for (const [begin, end] of marks) {
+          const from = Math.max(u.valToPos(begin, "x", true), u.bbox.left);
+          const to = Math.min(u.valToPos(end, "x", true), u.bbox.left + u.bbox.width);
+          if (to > from) u.ctx.fillRect(from, u.bbox.top, Math.max(to - from, 1), u.bbox.height);
+        }
+        u.ctx.restore();
+      }],
       setSelect: [(u) => {
         if (u.select.width < 4) return;
         const ends = [u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x")];
@@ -145,13 +156,66 @@ function inPlane(xLabel, yLabel) {
   }, [null, [[], []], [[], []]], where);
 }
 
+function brushable(u) {
+  // A rectangle in the plane: when the record was inside it is shaded over time.
+  const over = u.over, box = el("div", { className: "u-select" });
+  let from = null;
+  const at = (event) => {
+    const area = over.getBoundingClientRect();
+    return [Math.min(Math.max(event.clientX - area.left, 0), area.width), Math.min(Math.max(event.clientY - area.top, 0), area.height)];
+  };
+  const corners = (to) => [Math.min(from[0], to[0]), Math.max(from[0], to[0]), Math.min(from[1], to[1]), Math.max(from[1], to[1])];
+  over.append(box);
+  over.addEventListener("pointerdown", (event) => { from = at(event); over.setPointerCapture(event.pointerId); });
+  over.addEventListener("pointermove", (event) => {
+    if (!from) return;
+    const [left, right, top, bottom] = corners(at(event));
+    Object.assign(box.style, { left: `${left}px`, top: `${top}px`, width: `${right - left}px`, height: `${bottom - top}px` });
+  });
+  over.addEventListener("pointerup", (event) => {
+    if (!from) return;
+    const [left, right, top, bottom] = corners(at(event));
+    from = null;
+    if (right - left < 4 || bottom - top < 4) { brush(null); return; }
+    const [position, drive] = [plots.units.position[0], plots.units.drive[0]];
+    brush({ left: u.posToVal(left, "x") / drive, right: u.posToVal(right, "x") / drive,
+      low: u.posToVal(bottom, "y") / position, high: u.posToVal(top, "y") / position });
+  });
+}
+
+async function brush(rectangle) {
+  let told = { stretches: [], samples: 0 };
+  if (rectangle) {
+    const answer = await fetch("brushed?" + new URLSearchParams({ record, ...rectangle }));
+    if (!answer.ok) { problem((await answer.json()).sentence); return; }
+    told = await answer.json();
+  } else for (const box of document.querySelectorAll("#plane .u-select")) Object.assign(box.style, { width: "0", height: "0" });
+  marks = told.stretches;
+  $("brushed").textContent = rectangle ? `${told.samples} samples inside` : "";
+  for (const key of ["overlay", "residual"]) if (plots[key]) plots[key].redraw(false, true);
+}
+
+function ticks(low, high) {
+  // Round numbers along a logarithmic axis: 1, 2, 5 of each decade, or even steps within one.
+  const even = (high - low) / 4, power = 10 ** Math.floor(Math.log10(even));
+  if (high / low < 10) {
+    const step = power * [1, 2, 5, 10].find((k) => k * power >= even);
+    return Array.from({ length: Math.floor(high / step) - Math.ceil(low / step) + 1 }, (_, k) => (Math.ceil(low / step) + k) * step);
+  }
+  const found = [];
+  for (let decade = 10 ** Math.floor(Math.log10(low)); decade <= high; decade *= 10)
+    for (const k of high / low < 1e3 ? [1, 2, 5] : [1]) if (k * decade >= low && k * decade <= high) found.push(k * decade);
+  return found;
+}
+
 function ofError(unit) {
   const where = $("error");
   return new uPlot({
     width: where.clientWidth, height: where.clientHeight - 26,
-    scales: { x: { time: false }, y: { distr: 3 } },
+    // A logarithmic scale of its own choice would reach to whole decades.
+    scales: { x: { time: false }, y: { distr: 3, range: (u, low, high) => (low > 0 ? [low / 1.2, high * 1.2] : [1, 10]) } },
     axes: [axis("iterate", { size: 34, incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] }),
-      axis(`rms error [${unit}]`, { size: 54, values: (u, all) => all.map((v) => (v === null ? "" : digits(v))) })],
+      axis(`rms error [${unit}]`, { size: 54, splits: (u, index, low, high) => ticks(low, high), filter: (u, all) => all, values: (u, all) => all.map((v) => (v === null ? "" : digits(v))) })],
     series: [{ label: "iterate" },
       { label: "rms", stroke: css("--model"), width: 2, points: { show: false } },
       { label: "step", stroke: css("--suspect"), width: 0, points: { show: true, size: 8, fill: css("--suspect") } }],
@@ -178,8 +242,10 @@ function build() {
   plots.residual = overTime("residual", `residual [${at.residual[1]}]`,
     [line("residual", "--residual", { width: 1 }), line("suspect", "--suspect", { width: 2 })]);
   plots.plane = inPlane(`drive [${at.drive[1]}]`, `displacement [${at.position[1]}]`);
+  brushable(plots.plane);
   plots.error = ofError(at.error[1]);
   draw();
+  place();
 }
 
 function draw() {
@@ -214,8 +280,34 @@ function drawError() {
   plots.error.setData([rms.map((_, k) => k + 1), scaled(rms, factor), scaled(ends, factor)]);
 }
 
+async function place() {
+  // Where the residual lives: asked for again whenever another fit or record is shown.
+  $("place-part").hidden = !state || !state.fit;
+  if ($("place-part").hidden) return;
+  const answer = await fetch("place?" + new URLSearchParams({ record, by: $("by").value }));
+  if (!answer.ok) { problem((await answer.json()).sentence); return; }
+  const told = await answer.json(), where = $("place");
+  for (const option of $("by").options) option.disabled = !told.views.includes(option.value);
+  if (plots.place) plots.place.destroy();
+  const [factor, unit] = prefixed(told.up_unit, largest(...told.curves.map((c) => c.values)));
+  const colours = [css("--suspect"), css("--model"), css("--quiet")];
+  const spread = told.curves.length === 3; // one curve between its two limits
+  const numbers = (u, all) => all.map((v) => (v === null ? "" : digits(v)));
+  plots.place = new uPlot({
+    width: where.clientWidth, height: where.clientHeight - 26,
+    scales: { x: { time: false, distr: told.logarithmic ? 3 : 1 }, y: { distr: told.logarithmic === "both" ? 3 : 1 } },
+    axes: [axis(`${told.across} [${told.unit}]`, { size: 34, values: numbers }), axis(`${told.up} [${unit}]`, { size: 60, space: 24, values: numbers })],
+    series: [{ label: told.across }, ...told.curves.map((c, k) => ({
+      label: c.label, stroke: colours[spread && k ? 2 : k], width: spread && k ? 1 : 2,
+      dash: spread && k ? [4, 4] : k === 1 ? [8, 3] : undefined,
+      points: { show: told.x.length < 40 && !(spread && k), size: 6 } }))],
+    cursor: { drag: { x: false, y: false } },
+  }, [told.x, ...told.curves.map((c) => scaled(c.values, factor))], where);
+}
+
 async function look(ends) {
   if (!state || !state.records) return;
+  if (ends === null && marks.length) brush(null);
   if (ends !== undefined) {
     const whole = state.records.records[record].span;
     span = ends && [Math.max(ends[0], whole[0]), Math.min(ends[1], whole[1])];
@@ -332,7 +424,7 @@ function parameterRows(p, busy) {
     low, "to", high, p.unit === "1" ? "" : p.unit, el("button", { className: "small", disabled: busy,
       onclick: () => post({ do: "bound", name: p.name, low: Number(low.value), high: Number(high.value) }) }, "Set"))));
   return [el("tr", { title: p.about },
-    el("td", {}, p.name, el("br"), el("span", { className: "hint" }, spread)),
+    el("td", {}, ...p.name.split(/(?<=[._])/).flatMap((part) => [part, el("wbr")]), el("br"), el("span", { className: "hint" }, spread)),
     el("td", { className: "number" }, show(p.value, p.unit)),
     el("td", { className: "number" },
       el("button", { className: "small", disabled: busy, title: p.kept ? `Estimate ${p.name}` : `Keep ${p.name} at this value`,
@@ -435,6 +527,7 @@ function render(next) {
   if (suspect && !names.includes(suspect)) suspect = "";
   recordsPart(); modelPart(); rightPart(); status();
   if (!next.records) { view = null; build(); } else look();
+  if (!before || before.shown !== next.shown || !before.fit !== !next.fit) place();
 }
 
 // ---------------------------------------------------------------- listening and clicking
@@ -459,7 +552,8 @@ $("find").addEventListener("click", () => post({ do: "find" }));
 $("next").addEventListener("click", () => post({ do: "next" }));
 $("cancel").addEventListener("click", () => post({ do: "cancel" }));
 $("any").addEventListener("change", (event) => { if (event.target.value) post({ do: "add", effect: event.target.value }); });
-$("record").addEventListener("change", (event) => { record = Number(event.target.value); look(null); });
+$("record").addEventListener("change", (event) => { record = Number(event.target.value); look(null); place(); });
+$("by").addEventListener("change", () => place());
 $("suspects").addEventListener("mouseleave", () => overlay(""));
 
 function darken(on) {
