@@ -19,6 +19,7 @@ from scipy import io
 from piezo_opt.errors import InputError
 from piezo_opt.readers import read, write
 from piezo_opt.readers.probe import survives
+from tests.readers.damage import damaged
 from tests.readers.forms import HEADER, STEP, T, U, Y, put, rows
 from tests.readers.test_binary_forms import LVM
 from tests.readers.test_forms import FORMS
@@ -281,24 +282,6 @@ for line in sys.stdin:
 """
 
 
-def _damaged(content: bytes, generator: np.random.Generator) -> bytes:
-    """Bytes changed, a stretch of zeros or noise, or an end cut off."""
-    wounded = bytearray(content)
-    kind = generator.integers(4)
-    place = int(generator.integers(len(content)))
-    if kind == 0:
-        for at in generator.integers(len(content), size=int(generator.integers(1, 6))):
-            wounded[at] = int(generator.integers(256))
-    elif kind == 1:
-        length = int(generator.integers(1, 64))
-        wounded[place : place + length] = generator.bytes(min(length, len(content) - place))
-    elif kind == 2:
-        wounded[place : place + 16] = bytes(min(16, len(content) - place))
-    else:
-        del wounded[place:]
-    return bytes(wounded)
-
-
 def _content(folder: Path) -> dict[Path, bytes | None]:
     """Every file below a folder with what is in it; None for folders."""
     return {one: one.read_bytes() if one.is_file() else None for one in folder.rglob("*")}
@@ -318,7 +301,7 @@ def test_damaged_copies_of_good_files(tmp_path: Path) -> None:
         dear = name in ("old.h5", "new.h5", "four.nc", "v73.mat")
         for copy in range(3 if dear else 24):
             wounded = tmp_path / f"{file.stem}_{copy}{file.suffix}"
-            wounded.write_bytes(_damaged(content, generator))
+            wounded.write_bytes(damaged(content, generator))
             work.append(json.dumps([str(wounded), said]))
     (tmp_path / "here").mkdir()
     (tmp_path / "for_a_while").mkdir()

@@ -24,6 +24,7 @@ from piezo_opt.workbench.bench import Bench
 from piezo_opt.workbench.edits import Add, Remove
 from piezo_opt.workbench.load import Load, Source
 from piezo_opt.workbench.session import Session, read_session
+from tests.readers.damage import damaged
 
 PORT = 8123
 HOST = f"http://127.0.0.1:{PORT}"
@@ -366,6 +367,28 @@ def test_files_that_are_no_records_are_one_sentence_each(page: Page) -> None:
         assert "error of the program" not in state["problem"]
         assert len(state["problem"].splitlines()) == 1
         assert state["records"] is None
+
+
+def test_a_hundred_damaged_copies_are_read_or_one_sentence_each(page: Page, record: Path) -> None:
+    """Text, cut off or with bytes changed: each is told, and the page goes on."""
+    content, generator = record.read_bytes(), np.random.default_rng(47)
+    page.state()
+    told = []
+    for copy in range(100):
+        name = f"wounded_{copy}.csv"
+        sent = page.client.post(f"/secret/upload?name={name}", content=damaged(content, generator))
+        assert sent.status_code == 200
+        state = page.state()
+        sentence = state["problem"]
+        assert bool(sentence) == (state["records"] is None)
+        assert "error of the program" not in sentence
+        assert "Traceback" not in sentence
+        assert len(sentence.splitlines()) <= 1
+        told.append(bool(sentence))
+    assert 10 < sum(told) < 90
+    sent = page.client.post("/secret/upload?name=whole.csv", content=content)
+    assert sent.status_code == 200
+    assert page.state()["records"]["records"][0]["samples"] == 400
 
 
 def test_a_resumed_session_goes_through_its_steps_again(record: Path, tmp_path: Path) -> None:
