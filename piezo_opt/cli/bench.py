@@ -10,6 +10,7 @@ import typer
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.bench_advice import advice
 from piezo_opt.cli.bench_control import control
 from piezo_opt.cli.bench_faults import faults
 from piezo_opt.cli.bench_optimisers import optimisers
@@ -43,6 +44,7 @@ class Plants(Enum):
 
 
 bench.command()(control)
+bench.command()(advice)
 bench.command()(faults)
 bench.command()(optimisers)
 bench.command()(speed)
