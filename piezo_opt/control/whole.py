@@ -15,6 +15,8 @@ from piezo_opt.errors import InputError
 FloatArray = NDArray[np.float64]
 
 SOLVERS: Final = ("ipopt", "fatrop")
+MOST: Final = 300
+"""Iterations: what converges takes ten to a hundred, and what does not would take thousands."""
 
 
 @final
@@ -70,11 +72,16 @@ class WholeMPC:
         }  # fmt: skip
         options: dict[str, Any] = {"print_time": 0, "expand": True, "error_on_fail": False}
         if solver == "ipopt":
-            options |= {"ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-9}
+            options |= {
+                "ipopt.print_level": 0,
+                "ipopt.sb": "yes",
+                "ipopt.tol": 1e-9,
+                "ipopt.max_iter": MOST,
+            }
         else:
             options |= {
                 "structure_detection": "auto", "equality": equal, "fatrop.print_level": 0,
-                "fatrop.tol": 1e-9,
+                "fatrop.tol": 1e-9, "fatrop.max_iter": MOST,
             }  # fmt: skip
         self._solver = ca.nlpsol("whole", solver, program, cast(Any, options))
         self._equal, self._nx, self._n = np.array(equal), nx, n

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from piezo_opt.control import MPC
 from piezo_opt.control.motion import advance_function
 from piezo_opt.control.mpc import MPCState
+from piezo_opt.control.whole import MOST
 
 
 def installed() -> bool:
@@ -57,6 +58,7 @@ class ToolkitMPC:
         own.settings.n_horizon, own.settings.t_step = n, m.period
         own.settings.store_full_solution = False
         own.settings.supress_ipopt_output()
+        own.settings.nlpsol_opts["ipopt.max_iter"] = MOST
         error, move = (0.5 * float(one) for one in controller.weights[:2])
         off = error * (y - goal) ** 2
         own.set_objective(mterm=off, lterm=off + move * w**2)
