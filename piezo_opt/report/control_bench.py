@@ -23,14 +23,14 @@ def benched(found: ControlBench) -> Figure:
         for k, (actuator, colour) in enumerate(zip(actuators, (BLUE, VERMILLION), strict=False)):
             own = [r for r in rows if r.actuator == actuator]
             at = [ways.index(r.way) + 0.2 * (k - 0.5) for r in own]
-            middle, late = [1e6 * r.median for r in own], [1e6 * r.late for r in own]
+            middle, late = [1e3 * r.median for r in own], [1e3 * r.late for r in own]
             time.vlines(at, middle, late, color=colour, linewidth=1.2)
             time.plot(at, middle, "o", color=colour, label=f"actuator {actuator}")
             time.plot(at, late, "_", color=colour, markersize=9)
         time.set_yscale("log")
         plain_log_ticks(time.yaxis)
         time.set_xticks(range(len(ways)), ways)
-        time.set_ylabel("time of a sample [us]")
+        time.set_ylabel("time of a sample [ms]")
         time.set_title("Predictive control: points are medians, bars go to the 99.9 % quantile")
         time.legend(loc="upper left")
         best = min(r.cost for r in found.starts.rows)

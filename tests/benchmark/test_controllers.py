@@ -46,7 +46,7 @@ def test_a_gradient_reaches_the_simplex_with_a_tenth_of_its_simulations() -> Non
 def test_a_robust_design_is_judged_on_draws_that_it_has_not_seen() -> None:
     found = draws(1000, designs=DESIGNS[1:2])
     (row,) = found.rows
-    # Shares near 0.2 of 500 and of 1000 draws differ by 2.2 points in the root of mean squares.
+    # Shares near 0.2 of two times 1000 draws differ by 1.8 points in the root of mean squares.
     assert row.found == pytest.approx(row.predicted, abs=0.055)
     assert 0.02 < row.predicted < 0.6
     assert "Largest difference" in str(found)

@@ -45,7 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("kind", "options", "said"),
     [
-        ("pid", ("--scenarios", "3", "--criterion", "ise"), "of 500 others"),
+        ("pid", ("--scenarios", "3", "--criterion", "ise"), "of 1000 others"),
         ("lqr", ("--delay", "1", "--shape", "step"), "1 of delay"),
         ("mpc", ("--horizon", "10", "--periods", "1"), "horizon 10 periods (5 ms)"),
         ("shaper", ("--spread", "0.03"), "Take "),
