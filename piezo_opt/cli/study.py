@@ -74,7 +74,7 @@ def worth(
 ) -> None:
     """Controllers on the undiagnosed, the diagnosed and the best model, tried on foreign plants.
 
-    Every plant has creep and a second mode and shares no code with the package. About half a minute
+    Every plant has creep and a second mode and shares no code with the package. About a minute
     of processor time for each; Ctrl-C and --max-time give the plants that were finished.
 
     \b
