@@ -20,8 +20,9 @@ ONE_MODEL: Final = "one model, amplitude-dependent"
 LINEAR_EACH: Final = "linear, one for each amplitude"
 LINEAR_ALL: Final = "linear, one for all amplitudes"
 _AS_GOOD: Final = 1.01
-"""Error over that of the best up to which fewer modes are as good: six realisations tell an error
-no better than that, 1 / sqrt(2 * 6 * K) with some hundred independent lines K."""
+"""Error over that of the best up to which fewer modes are as good. An rms over n complex numbers is
+sure to 1 / (2 sqrt(n)), one percent for n = 2500: two realisations of three axes whose error stands
+in some four hundred lines around the resonances."""
 _SEARCH_STEPS: Final = 10
 """Steps of each fit of a search: enough to rank numbers of modes."""
 
@@ -140,26 +141,40 @@ def identify_axes(
                 f"{len(counts)} numbers of modes are judged on held-out realisations, and none are "
                 "held out: give one number, or hold some out"
             )
-        search = _searched(train, test, counts, real, progress)
-        least = min(row.error for row in search)
-        count = next(row.modes for row in search if row.error <= _AS_GOOD * least)
-    first = fit_modes(train, count, real=real, progress=_named(progress, ONE_MODEL))
+        middle = len(responses) // 2
+        own, kept = train.levels[middle], test.levels[middle]
+        search, best, whole = _searched(own, kept, counts, real, progress)
+        if not whole:
+            error = axes_error(best, kept)
+            return AxesFit(
+                best, best, (best,), (responses[middle],), ((LINEAR_EACH, error),), search,
+                campaign, kept, interrupted=True,
+            )  # fmt: skip
+        count = best.modes
+    label = ONE_MODEL if len(responses) > 1 else LINEAR_EACH
+    first = fit_modes(train, count, real=real, progress=_named(progress, label))
     found = AxesFit(
         first.model, None if test is None else first.model, (), responses, (), search, campaign,
         test, first.interrupted,
     )  # fmt: skip
     if test is None:
         return found
-    found = replace(found, errors=((ONE_MODEL, axes_error(first.model, test)),))
+    found = replace(found, errors=((label, axes_error(first.model, test)),))
     if first.interrupted:
         return found
-    last = fit_modes(
-        campaign, count, real=real, start=first.model, progress=_named(progress, "all records")
-    )
+    try:
+        last = fit_modes(
+            campaign, count, real=real, start=first.model, progress=_named(progress, "all records")
+        )
+    except KeyboardInterrupt:
+        return replace(found, interrupted=True)
     found = replace(found, model=last.model, interrupted=last.interrupted)
-    if found.interrupted or not compare:
+    if found.interrupted or not compare or len(responses) == 1:
         return found
-    return _compared(found, train, test, count, real, progress)
+    try:
+        return _compared(found, train, test, count, real, progress)
+    except KeyboardInterrupt:
+        return replace(found, interrupted=True)
 
 
 def _compared(
@@ -179,40 +194,52 @@ def _compared(
             return replace(found, interrupted=True)
         levels += axes_error(fits[-1].model, kept).levels
     each = AxesError(tuple(levels), found.errors[0][1].units)
-    found = replace(
-        found, linear=tuple(one.model for one in fits), errors=(*found.errors, (LINEAR_EACH, each))
-    )
-    if len(fits) == 1:
-        # One amplitude: the linear model is the model.
-        return replace(found, errors=((LINEAR_EACH, each),))
     pooled = fit_modes(train, count, real=real, pooled=True, progress=_named(progress, LINEAR_ALL))
     if pooled.interrupted:
         return replace(found, interrupted=True)
+    together = axes_error(pooled.model, test)
     return replace(
-        found, errors=(*found.errors, (LINEAR_ALL, axes_error(pooled.model, test)))
+        found, linear=tuple(one.model for one in fits),
+        errors=(*found.errors, (LINEAR_EACH, each), (LINEAR_ALL, together)),
     )  # fmt: skip
 
 
 def _searched(
-    train: AxesCampaign,
-    test: AxesCampaign,
+    own: AxesCampaign,
+    kept: AxesCampaign,
     counts: Sequence[int],
     real: int,
     progress: Callable[[str], None] | None,
-) -> tuple[ModeRow, ...]:
-    own, kept = train.levels[len(train.levels) // 2], test.levels[len(test.levels) // 2]
+) -> tuple[tuple[ModeRow, ...], ModalModel, bool]:
+    """Numbers of modes with their errors, the model of the one to take, whether all were tried.
+
+    Raises:
+        KeyboardInterrupt: before there was one.
+    """
     rows: list[ModeRow] = []
+    models: list[ModalModel] = []
+    whole = True
     for count in counts:
-        fit = fit_modes(
-            own, count, real=real, iterations=_SEARCH_STEPS, progress=_named(progress, "search")
-        )
-        if fit.interrupted:
-            raise KeyboardInterrupt
+        try:
+            fit = fit_modes(
+                own, count, real=real, iterations=_SEARCH_STEPS, progress=_named(progress, "search")
+            )
+        except KeyboardInterrupt:
+            if not rows:
+                raise
+            whole = False
+            break
+        models.append(fit.model)
         rows.append(ModeRow(count, axes_error(fit.model, kept).levels[0].mean))
+        if fit.interrupted:
+            whole = False
+            break
         errors = np.array([row.error for row in rows])
         if len(rows) > 2 and bool(np.all(_AS_GOOD * errors[-2:] > errors[:-2].min())):
             break
-    return tuple(rows)
+    least = min(row.error for row in rows)
+    chosen = next(k for k, row in enumerate(rows) if row.error <= _AS_GOOD * least)
+    return tuple(rows), models[chosen], whole
 
 
 def _named(progress: Callable[[str], None] | None, what: str) -> Callable[[str], None] | None:

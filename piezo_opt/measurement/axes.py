@@ -160,7 +160,7 @@ class AxesCampaign:
                 raise InputError(
                     f"{held_out} of {len(level)} realisations at "
                     f"{show(float(level.amplitude.mean()), level.records[0].drive_unit)} rms "
-                    "cannot be held out: leave at least one to fit and hold one out"
+                    "cannot be held out: hold out fewer; none, 0, gives no error on unseen records"
                 )
             train += level.records[:-held_out]
             test += level.records[-held_out:]

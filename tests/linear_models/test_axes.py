@@ -245,14 +245,29 @@ def test_a_wrong_record_is_refused(changes: dict[str, object], words: str) -> No
         AxesRecord(**given)  # type: ignore[arg-type]
 
 
-def test_ctrl_c_gives_the_best_so_far() -> None:
+@pytest.mark.parametrize(
+    ("said", "modes", "label", "levels"),
+    [
+        ("search: 3 modes, iteration 1", (2, 3), "linear, one for each amplitude", 1),
+        ("amplitude-dependent: 3 modes, iteration 2", 3, "one model, amplitude-dependent", 2),
+        ("all records: 3 modes, iteration 1,", 3, "one model, amplitude-dependent", 2),
+        ("each amplitude: 3 modes, iteration 1,", 3, "one model, amplitude-dependent", 2),
+    ],
+)
+def test_ctrl_c_gives_the_best_so_far(
+    said: str, modes: int | tuple[int, ...], label: str, levels: int
+) -> None:
     def impatient(sentence: str) -> None:
-        if "iteration 2" in sentence:
+        if said in sentence:
             raise KeyboardInterrupt
 
-    found = po.identify_axes(campaign(4, noise=1e-9), 3, real=1, held_out=1, progress=impatient)
+    records = (*campaign(4, noise=1e-9), *campaign(4, amplitude=2.0, noise=1e-9, softer=0.01))
+    found = po.identify_axes(records, modes, real=1, held_out=1, progress=impatient)
     assert found.interrupted
-    assert found.errors[0][1].levels[0].mean < 0.5
+    ((told, error),) = found.errors
+    assert told == label
+    assert len(error.levels) == levels
+    assert max(one.mean for one in error.levels) < 0.5
     assert str(found).endswith("Interrupted: this is the best so far.")
 
 
