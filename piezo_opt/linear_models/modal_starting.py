@@ -13,6 +13,8 @@ from piezo_opt.measurement.arrays import ComplexArray
 
 _ITERATIONS: Final = 25
 """Relocations of the poles: with noise they stop to move after about ten."""
+_ROUNDING: Final = 1e-13
+"""Share of the largest eigenvalue of normal equations below which there is only rounding."""
 _NARROW: Final = 0.01
 """Damping of the first poles, of which the iteration does not depend: sections of a hundredth keep
 the first equations well conditioned (Gustavsen & Semlyen, sec. 3.2)."""
@@ -80,21 +82,22 @@ def _relocated(
     s: ComplexArray, response: ComplexArray, weight: FloatArray, poles: Poles, real: int, modes: int
 ) -> Poles:
     phi = basis(s, poles.rates, poles.omega, poles.zeta)
-    count = phi.shape[1]
-    rows: list[FloatArray] = []
+    scale = np.sqrt(np.sum(np.abs(phi) ** 2, axis=0))
+    phi, away = phi / scale, np.conj(phi / scale).T
+    # Each element's own numerator is eliminated: what is left of the columns of sigma. Normal
+    # equations see half the digits, which is enough for a start.
+    normal = np.zeros((phi.shape[1], phi.shape[1]))
     for element in range(response.shape[1]):
-        own = phi * weight[:, element : element + 1]
-        both = np.concatenate([own, -own * response[:, element : element + 1]], axis=1)
-        triangle = np.asarray(np.linalg.qr(np.concatenate([both.real, both.imag]), mode="r"))
-        rows.append(triangle[count:, count:])
-    stacked = np.concatenate(rows)
+        square, seen = weight[:, element, np.newaxis] ** 2, response[:, element, np.newaxis]
+        own = np.real(away @ (square * phi))
+        across = np.real(away @ (square * seen * phi))
+        theirs = np.real(away @ (square * np.abs(seen) ** 2 * phi))
+        normal += theirs - across.T @ np.linalg.pinv(own, rcond=_ROUNDING, hermitian=True) @ across
     # The mean of sigma over the lines is one, as heavy as all the rest: nothing is zero then.
-    heavy = float(np.linalg.norm(stacked))
-    stacked = np.concatenate([stacked, heavy * phi.real.mean(axis=0)[np.newaxis]])
-    aim = np.zeros(len(stacked))
-    aim[-1] = heavy
-    scale = np.linalg.norm(stacked, axis=0)
-    weights = np.linalg.lstsq(stacked / scale, aim, rcond=None)[0] / scale
+    mean = phi.real.mean(axis=0)
+    heavy = float(np.trace(normal)) / float(mean @ mean)
+    lifted = normal + heavy * np.outer(mean, mean)
+    weights = np.linalg.pinv(lifted, rcond=_ROUNDING, hermitian=True) @ (heavy * mean) / scale
     return _sorted(_zeros(poles, weights), real, modes)
 
 
