@@ -20,7 +20,7 @@ from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.motion.spring import Spring
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
-from piezo_opt.identification.shapes import detail_start, own
+from piezo_opt.identification.shapes import detail_start, own, resonances
 from piezo_opt.identification.starting import resonance_start
 from piezo_opt.measurement import Measurement
 
@@ -29,17 +29,42 @@ Richer = tuple[Identification, Mapping[str, float]]
 
 _RESONANCES = 4
 """Natural frequencies from which mechanics begin, over the range that a record can show."""
+_APART = 0.05
+"""Logarithm of the ratio of natural frequencies from which resonances are two: the band of one with
+a damping ratio of 0.025, twice that of a usual flexure."""
 _GROUND = 10
 """Iterations of a fit that others are scored at: its direction counts, not its last digit."""
 
 
 def in_detail(fit: Fit) -> list[Richer]:
     """Each effect in all its details and its finer form, each in its other forms, and mechanics."""
-    found = [more for name, _ in fit.model if (more := detailed(fit, name)) is not None]
+    found = [
+        begun
+        for name, _ in fit.model if (more := detailed(fit, name)) is not None
+        for begun in _resonating(fit, name, more)
+    ]  # fmt: skip
     for name, effect in fit.model:
         if not effect.structural:
             found += _in_other_forms(fit, name)
     return [*found, *with_mechanics(fit)]
+
+
+def _resonating(fit: Fit, name: str, more: Richer) -> list[Richer]:
+    """A finer form from where it begins by itself; one with a natural frequency more from each of
+    the likeliest resonances of what is left, away from those that the model has."""
+    question, start = more
+    new = question.model[name].parameters.keys() - fit.model[name].parameters.keys()
+    frequency = next((k for k in new if question.model[name].parameters[k].unit == "rad/s"), None)
+    if frequency is None:
+        return [more]
+    has = [fit.values[k] for k, p in fit.model.parameters.items() if p.unit == "rad/s"]
+    likeliest = [
+        omega for omega in resonances(fit.records[0], fit.residual(0))
+        if all(abs(np.log(omega / other)) > _APART for other in has)
+    ]  # fmt: skip
+    return [
+        (question, {**start, f"{name}.{frequency}": omega}) for omega in likeliest[:_RESONANCES]
+    ]
 
 
 def with_mechanics(fit: Fit) -> list[Richer]:
