@@ -181,6 +181,22 @@ def sweep_long() -> Signals:
     return _sweep(80_000, lambda t: 20 / np.log(400) * (400 ** (t / 20) - 1), looped=False)
 
 
+MODES: Final = ((250.0, 1.0, 0.03), (560.0, 0.5, 0.02), (1010.0, -0.3, 0.015))
+"""Natural frequency [Hz], share in the reading and damping ratio."""
+
+
+def three_modes() -> Signals:
+    """50 to 1500 Hz in 2 s over three resonances that lie side by side."""
+    t = _clock(12_000, 6000)
+    c = plant.fine(10 * np.sin(2 * np.pi * (50 * t + 1450 / 4 * t * t)), 20)
+    strain = plant.D * c - plant.loop(c)
+    y = sum(
+        share * plant.resonator(strain, 1 / 6000 / 20, 2 * np.pi * hertz, zeta)
+        for hertz, share, zeta in MODES
+    )
+    return t, c[::20], np.asarray(y)[::20]
+
+
 class Kind(NamedTuple):
     """How a record is made, and its noise [m]."""
 
@@ -191,6 +207,7 @@ class Kind(NamedTuple):
 KINDS: Final[dict[str, Kind]] = {
     "late_limit": Kind(late_limit, 1e-8),
     "late_slew": Kind(late_slew, 1e-8),
+    "three_modes": Kind(three_modes, 2e-9),
     "hardening": Kind(hardening, 1e-8),
     "quadratic_damping": Kind(quadratic_damping, 1e-8),
     "staircase": Kind(staircase, 1e-8),

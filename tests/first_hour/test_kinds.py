@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from piezo_opt.cli import app
-from tests.first_hour.kinds import KINDS, LINEAR, RAIL, put
+from tests.first_hour.kinds import KINDS, LINEAR, MODES, RAIL, put
 
 PATIENCE = ("--max-time", "10 min")
 """A loaded machine changes no answer."""
@@ -83,6 +83,27 @@ def test_a_resonator_without_hysteresis_gets_one_name(
     assert named(answer) == [effect]
     assert answer["verdict"] == "missing"
     assert answer["rms_final"] < 1.05 * KINDS[name].noise
+
+
+@pytest.mark.parametrize(
+    ("name", "effect"), [("late_limit", "saturation"), ("late_slew", "slew_limit")]
+)
+def test_what_happens_once_and_late_is_found(tmp_path: Path, name: str, effect: str) -> None:
+    # Takes half a minute each: a limit that one event reaches is sought at many sizes.
+    answer = command(tmp_path, "diagnose", name, *PATIENCE)
+    assert named(answer) == [effect]
+    assert answer["verdict"] == "missing"
+    assert answer["rms_final"] < 1.05 * KINDS[name].noise
+
+
+def test_three_resonances_are_found_together(tmp_path: Path) -> None:
+    # Takes a minute: each mode more is sought from several frequencies.
+    answer = command(tmp_path, "diagnose", "three_modes", *PATIENCE)
+    assert named(answer) == ["second_mode"]
+    assert answer["rms_final"] < 1.05 * KINDS["three_modes"].noise
+    values = {name: one["value"] for name, one in answer["final_model"]["parameters"].items()}
+    omegas = [value for name, value in values.items() if name.split(".")[1].startswith("omega")]
+    assert np.sort(omegas) / (2 * np.pi) == pytest.approx([f for f, _, _ in MODES], rel=5e-3)
 
 
 def test_readings_at_the_rail_are_left_out(tmp_path: Path) -> None:
