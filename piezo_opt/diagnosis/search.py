@@ -4,7 +4,8 @@
         take each effect out: where one is not missed, the set without it is expanded in its place
         score every absent effect, and every pair of them, by one Gauss-Newton step on all data
         fit the neighbours: the likeliest more, one less, one in the place of another
-    until no neighbour betters the best sets, or the best one leaves only noise
+    until no neighbour betters the best sets, or the best one leaves only noise and was expanded, or
+    one that the criterion cannot tell from it
 
 Every sample is scored, fitted and judged.
 """
@@ -18,7 +19,7 @@ from typing import final
 
 from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.colour import Colour
-from piezo_opt.diagnosis.evidence import worth
+from piezo_opt.diagnosis.evidence import RESOLUTION, worth
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.moves import adds, details, imitations, laws, less, pairs, still
 from piezo_opt.diagnosis.residue import is_noise
@@ -130,6 +131,8 @@ def search(
                     spare.add(at.hypothesis)
                     at = lighter
                 if not ahead(at):
+                    if is_noise(book.settled(at), least):
+                        break
                     continue
                 fit = book.settled(at)
                 done = is_noise(fit, least)
@@ -144,10 +147,11 @@ def search(
                 if at.law == book.base.law and not done:
                     book.race(laws(at, fit, withheld), kept=1)
                 book.race(starts)
-                if done and book.best == at:
+                quiet = is_noise(book.settled(book.best), least)
+                if quiet and any(m.hypothesis in expanded and not ahead(m) for m in _level(book)):
                     break
                 # Two at a time only where one is not enough: they would crowd out single effects.
-                if not (done or is_noise(book.settled(book.best), least)):
+                if not (done or quiet):
                     book.race(pairs(at, near, effort.near, book))
                 best = book[book.best]
                 tried = 0 if worth(before, best, book.colour) >= least else tried + 1
@@ -158,6 +162,12 @@ def search(
         book.brief = True
         return Searched(book, suspects, unscored, True)
     return Searched(book, suspects, unscored, False)
+
+
+def _level(book: Book) -> list[Members]:
+    """The best sets, as far as the criterion can resolve them."""
+    least = book.price(book.best)
+    return [m for m in book.leading if book.price(m) - least < RESOLUTION]
 
 
 def _pays(book: Book, members: Members) -> bool:
