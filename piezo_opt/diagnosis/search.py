@@ -2,8 +2,9 @@
 
     at the best sets that were not expanded yet, one after the other:
         take each effect out: where one is not missed, the set without it is expanded in its place
-        score every absent effect, and every pair of them, by one Gauss-Newton step on all data
+        score every absent effect by one Gauss-Newton step on all data
         fit the neighbours: the likeliest more, one less, one in the place of another
+        where one more is not enough, score and fit pairs of them
     until no neighbour betters the best sets, or the best one leaves only noise and was expanded, or
     one that the criterion cannot tell from it
 

@@ -202,6 +202,12 @@ def test_words(missing: Diagnosis, complete: Diagnosis, unexplained: Diagnosis) 
     assert "repeat the drive at least twice" in str(missing)
 
 
+def test_where_only_noise_is_left_hardly_anything_is_refitted(complete: Diagnosis) -> None:
+    """An effect is tried where noise alone would hardly give its score; else it is 27 refits."""
+    assert complete.verdict == "complete"
+    assert complete.refits <= 9
+
+
 def test_a_freed_exponent_is_told_with_the_error_that_is_left() -> None:
     blank = measured(STILL, TIME, rich(TIME))
     values = {**fitted(STILL, blank).values, "bouc_wen.n": 1.6}
