@@ -163,18 +163,27 @@ class MPC:
         """Nothing remembered; the first sample is taken at rest at the drive nearest to 0."""
         return MPCState()
 
+    @property
+    def rest(self) -> float:
+        """The drive nearest to 0 that the limits allow [V]."""
+        return min(max(0.0, self.limits.low), self.limits.high)
+
+    def estimated(self, state: MPCState, reading: float) -> Estimate:
+        """What the observer knows after a reading [m]; before the first one the loop rests."""
+        if state.estimate is None:
+            return self.observer.first(self.observer.begin(self.rest), reading)
+        return self.observer.after(state.estimate, state.pending[0], reading)
+
     def act(
         self, state: MPCState, reference: float, reading: float, period: float,
         low: float, high: float,
     ) -> tuple[float, MPCState]:  # fmt: skip
         """The drive [V] within its limits, and what is remembered for the next sample."""
-        if state.estimate is None or state.moves is None:
-            rest = min(max(0.0, self.limits.low), self.limits.high)
-            estimate = self.observer.first(self.observer.begin(rest), reading)
-            state = MPCState(0, estimate, None, (rest,) * self.delay)
+        estimate = self.estimated(state, reading)
+        if state.moves is None:
+            state = MPCState(0, estimate, None, (self.rest,) * self.delay)
             moves = np.zeros(self.horizon)
         else:
-            estimate = self.observer.after(state.estimate, state.pending[0], reading)
             moves = np.append(state.moves[1:], state.moves[-1])
             state = MPCState(state.sample, estimate, None, state.pending[1:])
         # Without a reference the drive is held.

@@ -98,15 +98,11 @@ class WholeMPC:
     ) -> tuple[float, MPCState]:  # fmt: skip
         """The drive of the converged program."""
         c = self.controller
-        if state.estimate is None:
-            rest = min(max(0.0, c.limits.low), c.limits.high)
-            estimate = c.observer.first(c.observer.begin(rest), reading)
-        else:
-            estimate = c.observer.after(state.estimate, state.pending[0], reading)
+        estimate = c.estimated(state, reading)
         n, nx = self._n, self._nx
         goals, u = c.following(state.sample, reference), estimate.drive
         far = c.limits.slew * c.period
-        lower = np.where(self._equal, 0.0, 0.0)
+        lower = np.zeros(self._equal.size)
         upper = lower.copy()
         bounded = np.flatnonzero(~self._equal)
         lower[bounded[::2]], upper[bounded[::2]] = c.limits.low, c.limits.high

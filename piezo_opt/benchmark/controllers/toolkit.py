@@ -97,11 +97,7 @@ class ToolkitMPC:
     ) -> tuple[float, MPCState]:  # fmt: skip
         """The drive of the converged program."""
         c = self.controller
-        if state.estimate is None:
-            rest = min(max(0.0, c.limits.low), c.limits.high)
-            estimate = c.observer.first(c.observer.begin(rest), reading)
-        else:
-            estimate = c.observer.after(state.estimate, state.pending[0], reading)
+        estimate = c.estimated(state, reading)
         x, u, off = estimate.states[:-1], estimate.drive, float(estimate.states[-1])
         goals = c.following(state.sample, reference) - off
         self._ahead = np.concatenate([goals[:1], goals])
