@@ -155,6 +155,54 @@ def dragged(
     return ca.if_else(rises, value - radius, pulled_down)
 
 
+def taken_along(
+    before: Expression, begun: Expression, length: Expression, value: Expression,
+    rate: Expression, radius: Expression,
+) -> Expression:  # fmt: skip
+    """Play operator whose rate is its mean over a stretch, for what follows that rate.
+
+    In the stretch in which the contact is made, the operator rests and then moves. A scheme that
+    asks for the rate a few times finds it resting at first, however short the rest is, and errs by
+    a sixth of the stretch. Here the operator goes evenly to where it will be at the stretch's end.
+
+    Args:
+        before: the operator at the stretch's beginning.
+        begun: what drags it, at the stretch's beginning.
+        length: of the stretch [s]. Where it is that of another one, the stretch in which contact
+            is made is told unevenly; where it is not known yet, 0, contact is made at once.
+        value: what drags it, now.
+        rate: of that; taken for constant over the stretch.
+        radius: half of the lost motion.
+    """
+    way = rate * length
+    before = play(before, begun, radius)
+    end = play(before, begun + way, radius)
+    moving = ca.fabs(way) > _ROUNDING * (ca.fabs(begun) + ca.fabs(value) + _TINY)
+    share = (value - begun) / ca.if_else(moving, way, 1.0)
+    at_once = before + value - begun
+    still = play(before, value, radius)
+    unknown = ca.logic_and(length == 0.0, rate != 0.0)
+    return ca.if_else(moving, before + (end - before) * share, ca.if_else(unknown, at_once, still))
+
+
+def length_of_stretch(
+    before: Expression, begun: Expression, value: Expression, rate: Expression
+) -> Expression:
+    """Length [s] of a stretch that ends now, from the way and the rate; without a way as before.
+
+    Args:
+        before: the length as it was known.
+        begun: a signal at the stretch's beginning.
+        value: the signal now.
+        rate: of the signal.
+    """
+    way = value - begun
+    seen = ca.logic_and(
+        way * rate > 0.0, ca.fabs(way) > _ROUNDING * (ca.fabs(begun) + ca.fabs(value))
+    )
+    return ca.if_else(seen, way / ca.if_else(seen, rate, 1.0), before)
+
+
 def stack(parts: Sequence[Expression]) -> Expression:
     """One column from scalars or columns."""
     return ca.vertcat(*parts)

@@ -1125,6 +1125,21 @@ def test_plays_of_several_widths_take_up_a_motion_one_by_one() -> None:
     assert DeadZone().finer({})[0] == DeadZone()
 
 
+def test_a_loop_behind_a_backlash_of_the_drive_moves_as_on_the_played_drive() -> None:
+    time, drive = wander()
+    # The play learns the length of a stretch in the first one, in which there is little to miss.
+    drive[0] = drive[1] - 1e-6
+    slack = 0.7  # less than a step of the drive: contact is made within a sample
+    played = [drive[0]]
+    for at in drive[1:]:
+        played.append(float(np.clip(played[-1], at - slack, at + slack)))
+    model = PiezoGain() + BoucWen()
+    reading, _ = respond(model + DeadZone(drive_backlash=True), time, drive,
+                         {"dead_zone.slack": slack}, 1.0)  # fmt: skip
+    expected, _ = respond(model, time, np.array(played), None, 1.0)
+    np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-12)
+
+
 def test_backlash_is_behind_the_position_and_a_dead_zone_before_the_gain() -> None:
     model = PiezoGain() + DeadZone() + DeadZone(backlash=True)
     assert [n for n, _ in model.at(Place.INPUT)] == ["dead_zone"]

@@ -45,6 +45,22 @@ def late_slew() -> Signals:
     return t, u, plant.moved(np.array(given), 1 / 2000, 20)
 
 
+SLACK: Final = 0.2
+"""Half width of the play in ``small_play`` [V]."""
+
+
+def small_play() -> Signals:
+    """A play of the drive of 0.2 V under triangles of up to 90 V that become smaller."""
+    t = _clock(10_000, 2000)
+    u = 90 * (0.2 + 0.8 * np.exp(-t / 4)) * (1 - np.abs((2 * 1.7 * t) % 2 - 1))
+    played = []
+    now = 0.0
+    for one in plant.fine(u, 10).tolist():
+        now = min(max(now, one - SLACK), one + SLACK)
+        played.append(now)
+    return t, u, plant.moved(np.array(played), 1 / 2000, 10)
+
+
 def _noisy_drive() -> tuple[FloatArray, FloatArray]:
     t = _clock(1500, 600)
     lines = np.arange(1, 200) * 0.4
@@ -207,6 +223,7 @@ class Kind(NamedTuple):
 KINDS: Final[dict[str, Kind]] = {
     "late_limit": Kind(late_limit, 1e-8),
     "late_slew": Kind(late_slew, 1e-8),
+    "small_play": Kind(small_play, 1e-8),
     "three_modes": Kind(three_modes, 2e-9),
     "hardening": Kind(hardening, 1e-8),
     "quadratic_damping": Kind(quadratic_damping, 1e-8),

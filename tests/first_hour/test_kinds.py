@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from piezo_opt.cli import app
-from tests.first_hour.kinds import KINDS, LINEAR, MODES, RAIL, put
+from tests.first_hour.kinds import KINDS, LINEAR, MODES, RAIL, SLACK, put
 
 PATIENCE = ("--max-time", "10 min")
 """A loaded machine changes no answer."""
@@ -94,6 +94,14 @@ def test_what_happens_once_and_late_is_found(tmp_path: Path, name: str, effect: 
     assert named(answer) == [effect]
     assert answer["verdict"] == "missing"
     assert answer["rms_final"] < 1.05 * KINDS[name].noise
+
+
+def test_a_small_play_of_the_drive_is_found_with_its_width(tmp_path: Path) -> None:
+    answer = command(tmp_path, "diagnose", "small_play", *PATIENCE)
+    assert named(answer) == ["dead_zone"]
+    assert answer["rms_final"] < 1.05 * KINDS["small_play"].noise
+    found = answer["final_model"]["parameters"]["dead_zone.slack"]["value"]
+    assert found == pytest.approx(SLACK, rel=0.05)
 
 
 def test_three_resonances_are_found_together(tmp_path: Path) -> None:
