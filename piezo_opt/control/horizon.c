@@ -17,7 +17,8 @@
 typedef struct {
   double s, dual, extra, price; /* slack, multiplier; how far a soft limit is passed, its dual */
   double ds, ddual, dextra;
-  double weight, target;
+  double fall, fall_extra; /* of the products of the first two and of the last two, in a step */
+  double weight, target, by_dual, by_price;
 } Side;
 
 typedef struct {
@@ -133,9 +134,8 @@ static void side_steps(const Program *m, const double *step, Side *sides, double
       if (!(s->dual > 0.0)) continue;
       const double sign = i % 2 ? -1.0 : 1.0, moved = sign * step[3 * k + i / 2];
       s->ddual = s->weight * (s->target - moved);
-      /* target holds what makes slack and passing follow; both are got back from it below. */
-      s->dextra = s->price > 0.0 ? (s->dextra + s->extra * s->ddual) / s->price : 0.0;
-      s->ds = (s->ds - s->s * s->ddual) / s->dual;
+      s->dextra = (s->fall_extra + s->extra * s->ddual) * s->by_price;
+      s->ds = (s->fall - s->s * s->ddual) * s->by_dual;
       if (s->ds * most < -s->s) most = -s->s / s->ds;
       if (s->ddual * most < -s->dual) most = -s->dual / s->ddual;
       if (s->price > 0.0) {
@@ -152,12 +152,13 @@ static long solve_program(const Program *m, double *w, double *work, double *gap
   Side *sides = (Side *)work;
   double *gain = work + n * (long)(SIDES * (sizeof(Side) / sizeof(double)));
   double *step = gain + n * (NZ + 2), *dz = step + 3 * n, *z = dz + n * NZ;
-  long count = 0, inside = 1;
+  long count = 0, passed = 0;
   forward(m, w, z);
   /* Without limits first: one recursion. */
   for (long k = 0; k < n * SIDES; ++k) {
     Side *s = sides + k;
     s->s = s->dual = s->extra = s->price = s->ds = s->ddual = s->dextra = s->weight = s->target = 0.0;
+    s->fall = s->fall_extra = s->by_dual = s->by_price = 0.0;
   }
   backward(m, w, z, sides, gain, 1);
   direction(m, gain, step, dz);
@@ -168,21 +169,22 @@ static long solve_program(const Program *m, double *w, double *work, double *gap
     for (int i = 0; i < SIDES; ++i) {
       if (fabs(limit[i]) > HUGE_LIMIT) continue;
       const double sign = i % 2 ? -1.0 : 1.0;
-      if (sign * (value[i / 2] + step[3 * k + i / 2] - limit[i]) < 0.0) inside = 0;
+      if (sign * (value[i / 2] + step[3 * k + i / 2] - limit[i]) < 0.0) ++passed;
       ++count;
     }
     const double off = value[2] - m->e[k];
     scale += m->q[k] * off * off + m->R * w[k] * w[k];
   }
-  if (inside || !count) {
+  if (!passed) {
     for (long k = 0; k < n; ++k) w[k] += step[3 * k];
     *gap_out = 0.0;
     for (long k = 0; k < n; ++k)
       if (!isfinite(w[k])) return -1;
     return 0;
   }
-  /* Slacks as large as a typical room, multipliers for a common product with them. */
-  const double start = fmax(START * scale / (double)count, 1e-14);
+  /* Slacks as large as a typical room; multipliers for a common product with them, which is what
+     the cost is for each of the limits that the step would pass. */
+  const double start = fmax(scale / (double)passed, 1e-14);
   for (long k = 0; k < n; ++k) {
     const double *limit = m->limits + k * SIDES;
     const double value[3] = {w[k], z[k * NZ + NZ - 1], output(m->C + k * NZ, z + k * NZ)};
@@ -222,25 +224,29 @@ static long solve_program(const Program *m, double *w, double *work, double *gap
       }
       for (long k = 0; k < n; ++k) {
         const double *limit = m->limits + k * SIDES;
-        const double value[3] = {w[k], z[k * NZ + NZ - 1], output(m->C + k * NZ, z + k * NZ)};
+        double value[3] = {w[k], z[k * NZ + NZ - 1], 0.0};
+        if (!pass) value[2] = output(m->C + k * NZ, z + k * NZ);
         for (int i = 0; i < SIDES; ++i) {
           Side *s = sides + k * SIDES + i;
           if (!(s->dual > 0.0)) continue;
-          const double sign = i % 2 ? -1.0 : 1.0, half = reach * reach;
-          double fall = centre - s->s * s->dual, fall_extra = centre - s->extra * s->price;
+          double more = centre, more_extra = centre;
           if (pass) {
-            fall -= half * s->ds * s->ddual;
-            fall_extra += half * s->dextra * s->ddual;
+            more -= reach * reach * s->ds * s->ddual;
+            if (s->price > 0.0) more_extra += reach * reach * s->dextra * s->ddual;
           } else {
-            mu += s->s * s->dual + (s->price > 0.0 ? s->extra * s->price : 0.0);
+            const double sign = i % 2 ? -1.0 : 1.0;
+            s->by_dual = 1.0 / s->dual;
+            s->by_price = s->price > 0.0 ? 1.0 / s->price : 0.0;
+            more -= s->s * s->dual;
+            more_extra -= s->extra * s->price;
+            mu -= more + more_extra;
+            s->weight = 1.0 / (s->s * s->by_dual + s->extra * s->by_price);
+            s->target = s->s - s->extra - sign * (value[i / 2] - limit[i]);
+            s->fall = s->fall_extra = 0.0;
           }
-          const double off = sign * (value[i / 2] - limit[i]) + s->extra - s->s;
-          const double soft = s->price > 0.0 ? s->extra / s->price : 0.0;
-          s->weight = 1.0 / (s->s / s->dual + soft);
-          s->target =
-              fall / s->dual - (s->price > 0.0 ? fall_extra / s->price : 0.0) - off;
-          s->ds = fall;
-          s->dextra = fall_extra;
+          s->fall += more;
+          s->fall_extra += more_extra;
+          s->target += more * s->by_dual - more_extra * s->by_price;
         }
       }
       backward(m, w, z, sides, gain, pass == 0);

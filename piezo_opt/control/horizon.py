@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.assembly import System
-from piezo_opt.control.motion import SOURCE, Steps, fastest_pole, needs_compiler, period_text
+from piezo_opt.control.motion import LANES, SOURCE, Steps, fastest_pole, needs_compiler, period_text
 from piezo_opt.control.plant import system_of
 from piezo_opt.control.qp import program_text, typed
 from piezo_opt.effects import Model
@@ -128,11 +128,13 @@ class Horizon:
 def _library(system: System) -> ctypes.CDLL:
     nx = len(system.state_names)
     after = resources.files(__package__).joinpath("predictive.c").read_text(encoding="utf-8")
-    own = program_text(nx + 1) + f"#define NX {nx}\n#define ND {nx + 2}\n"
+    # States, drive before and after; whole registers of them.
+    directions = -(-(nx + 2) // LANES) * LANES
+    own = program_text(nx + 1) + f"#define NX {nx}\n#define ND {directions}\n"
     recipe = f"horizon {SOURCE} {own} {after} {_ENTRY} {system.recipe}"
     library = load(
         recipe,
-        lambda _: own + period_text(system, nx + 2) + after + _ENTRY,
+        lambda _: own + period_text(system, directions) + after + _ENTRY,
     )
     if library is None:
         raise needs_compiler("Predictive control")

@@ -8,6 +8,7 @@ by whatever the caller seeds, exactly (the steps' own derivatives, not those of 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -21,7 +22,7 @@ from piezo_opt.assembly import System
 from piezo_opt.errors import InputError
 from piezo_opt.keeping import digest
 from piezo_opt.simulation.compiler import load
-from piezo_opt.simulation.emit import emit
+from piezo_opt.simulation.emit import LANE, emit
 from piezo_opt.symbolic import one_at_a_time
 
 FloatArray = NDArray[np.float64]
@@ -77,22 +78,61 @@ def fastest_pole(system: System, p: FloatArray, drive: float = 0.0) -> float:
     return float(np.abs(np.linalg.eigvals(np.asarray(slope(rest, drive), dtype=float))).max())
 
 
-def c_function(name: str, function: ca.Function) -> str:
-    """An SX function of dense columns as straight-line C: arrays in, then arrays out."""
+LANES: Final = 4
+"""Derivatives side by side in a register."""
+
+LANE_TEXT: Final = f"""
+typedef double lane __attribute__((vector_size({8 * LANES})));
+static const lane none = {{0.0}};
+static inline lane taken_up(const double *from) {{
+  lane one;
+  memcpy(&one, from, sizeof one);
+  return one;
+}}
+static inline void put_down(double *to, lane one) {{ memcpy(to, &one, sizeof one); }}
+"""
+
+
+def c_function(
+    name: str, function: ca.Function, wide: Sequence[int] = (), made_wide: Sequence[int] = (),
+    lanes: int = 0,
+) -> str:  # fmt: skip
+    """An SX function of dense columns as straight-line C: arrays in, then arrays out.
+
+    Args:
+        name: of the function.
+        function: the function.
+        wide, made_wide: inputs and outputs of which each element is a row of derivatives.
+        lanes: registers that such a row takes.
+    """
     names = [f"i{k}" for k in range(function.n_in())]
-    block = emit(function, names, [0] * function.n_in(), "w", 1)
+    block = emit(function, names, [0] * function.n_in(), "w", 1, wide)
     given = [f"const double *{n}_" for n in names]
     made = [f"double *o{k}_" for k in range(function.n_out())]
-    lines = [f"static void {name}({', '.join(given + made)}) {{"]
+    lines, row = [], LANES * lanes
     for k, n in enumerate(names):
-        lines += [f"const double {n}_{i} = {n}_[{i}];" for i in range(function.numel_in(k))]
+        for i in range(function.numel_in(k)):
+            if k in wide:
+                lines.append(f"const lane {n}_{i}{LANE} = taken_up({n}_ + {row * i} + {LANE});")
+            else:
+                lines.append(f"const double {n}_{i} = {n}_[{i}];")
     lines += block.levels[0]
     # Whatever is read has been read: an output may take the place of an input.
+    after = []
     for k, outputs in enumerate(block.outputs):
-        lines += [f"const double o{k}_{i} = {text};" for i, text in enumerate(outputs)]
-    for k, outputs in enumerate(block.outputs):
-        lines += [f"o{k}_[{i}] = o{k}_{i};" for i in range(len(outputs))]
-    return "\n".join([*lines, "}", ""])
+        for i, text in enumerate(outputs):
+            if k in made_wide:
+                kept = text if LANE in text else f"none + {text}"
+                lines.append(f"const lane o{k}_{i}{LANE} = {kept};")
+                after.append(f"put_down(o{k}_ + {row * i} + {LANE}, o{k}_{i}{LANE});")
+            else:
+                lines.append(f"const double o{k}_{i} = {text};")
+                after.append(f"o{k}_[{i}] = o{k}_{i};")
+    whole = [f"static void {name}({', '.join(given + made)}) {{"]
+    for line in (*lines, *after):
+        many = range(lanes) if LANE in line else range(1)
+        whole += [line.replace(f"+ {LANE}", f"+ {LANES * c}").replace(LANE, f"_{c}") for c in many]
+    return "\n".join([*whole, "}", ""])
 
 
 def along(value: ca.SX, by: ca.SX, seeds: ca.SX) -> ca.SX:
@@ -108,39 +148,57 @@ def _rows(name: str, rows: int, columns: int) -> tuple[ca.SX, ca.SX]:
 
 
 def period_text(system: System, directions: int) -> str:
-    """C text of one period and of the reading, with tangents along so many directions.
+    """C text of one period and of the reading, with tangents along so many directions, or without.
 
     ``period(p, t, before, BEFORE, after, AFTER, T, rise, held, x, X)`` moves ``x`` and ``X`` (row
-    after row) on; ``reading(p, t, x, X, u, U, y, Y)`` reads them.
+    after row) on; ``reading(p, t, x, X, u, U, y, Y)`` reads them. Where X is null there are no
+    tangents. Directions whose number is a
+    multiple of :data:`LANES` are carried so many at a time.
     """
-    nx, np_, nd = len(system.state_names), len(system.parameter_names), directions
+    nx, np_, lanes = len(system.state_names), len(system.parameter_names), directions // LANES
+    if directions % LANES:
+        lanes = 0
+    nd = 1 if lanes else directions
     t, u, du, h = (ca.SX.sym(k) for k in ("t", "u", "du", "h"))
     x, p, none = ca.SX.sym("x", nx), ca.SX.sym("p", np_), ca.SX(0, 1)
     flat_x, seed_x = _rows("X", nx, nd)
     flat_u, seed_u = _rows("U", 1, nd)
     flat_du, seed_du = _rows("DU", 1, nd)
-    parts = []
-    for name, slope in (("rising", du), ("holding", ca.SX(0.0))):
+    parts = [LANE_TEXT] if lanes else []
+
+    def written(function: ca.Function, wide: tuple[int, ...]) -> str:
+        """The function, and the same without tangents."""
+        name, given = function.name(), function.sx_in()
+        alone = [one for k, one in enumerate(given) if k not in wide]
+        value = function.call(given, True, False)[0]
+        return c_function(name, function, *((wide, (1,), lanes) if lanes else ())) + c_function(
+            f"{name}alone", ca.Function(f"{name}alone", alone, [value])
+        )
+
+    for name, slope in (("rising_", du), ("holding_", ca.SX(0.0))):
         moved = _step(system, x, t, u, slope, h, p)
         by, seeds = ca.vertcat(x, u, du), ca.vertcat(seed_x, seed_u, seed_du)
         inputs = [t, x, flat_x, u, flat_u, du, flat_du, h, p]
         outputs = [ca.densify(moved), along(moved, by, seeds)]
-        parts.append(c_function(name, ca.Function(name, inputs, outputs)))
+        parts.append(written(ca.Function(name, inputs, outputs), (2, 4, 6)))
     by, seeds = ca.vertcat(x, u), ca.vertcat(seed_x, seed_u)
     inputs = [t, x, flat_x, u, flat_u, p]
     if system.becomes is not None:
         moved = system.becomes(t, x, u, du, none, p)
         ends = [*inputs[:-1], du, p]
-        settle = ca.Function("settling", ends, [ca.densify(moved), along(moved, by, seeds)])
-        parts.append(c_function("settling", settle))
+        settle = ca.Function("settling_", ends, [ca.densify(moved), along(moved, by, seeds)])
+        parts.append(written(settle, (2, 4)))
     y = system.reading(t, x, u, 0.0, none, none, p)
     read = ca.Function("reading_", inputs, [ca.densify(y), along(y, by, seeds)])
-    parts.append(c_function("reading_", read))
+    parts.append(written(read, (2, 4)))
     settled = (
-        "settling(&t, x, X, &after, AFTER, &du, p, x, X);" if system.becomes is not None else ""
+        "if (X) settling_(&t, x, X, &after, AFTER, &du, p, x, X);\n"
+        "  else settling_alone(&t, x, &after, &du, p, x);"
+        if system.becomes is not None
+        else ""
     )
-    whole = "\n".join(["#include <math.h>", *parts, _PERIOD])
-    return whole.replace("@ND", str(max(nd, 1))).replace("@SETTLED", settled)
+    whole = "\n".join(["#include <math.h>\n#include <string.h>", *parts, _PERIOD])
+    return whole.replace("@ND", str(max(directions, 1))).replace("@SETTLED", settled)
 
 
 def _step(
@@ -164,11 +222,15 @@ static void period(const double *p, double t, double before, const double *BEFOR
                    const double *AFTER, double T, long rise, long held, double *x, double *X) {{
   const double up = {RISE!r} * T;
   double du = (after - before) / up, DU[@ND], U[@ND], h = up / rise;
-  for (int d = 0; d < @ND; ++d) DU[d] = (AFTER[d] - BEFORE[d]) / up;
+  for (int d = 0; X && d < @ND; ++d) DU[d] = (AFTER[d] - BEFORE[d]) / up;
   for (long k = 0; k < rise; ++k) {{
     const double s = k * h, at = t + s, u = before + du * s;
+    if (!X) {{
+      rising_alone(&at, x, &u, &du, &h, p, x);
+      continue;
+    }}
     for (int d = 0; d < @ND; ++d) U[d] = BEFORE[d] + DU[d] * s;
-    rising(&at, x, X, &u, U, &du, DU, &h, p, x, X);
+    rising_(&at, x, X, &u, U, &du, DU, &h, p, x, X);
   }}
   t += up;
   @SETTLED
@@ -177,24 +239,25 @@ static void period(const double *p, double t, double before, const double *BEFOR
   for (int d = 0; d < @ND; ++d) DU[d] = 0.0;
   for (long k = 0; k < held; ++k) {{
     const double at = t + k * h;
-    holding(&at, x, X, &after, AFTER, &du, DU, &h, p, x, X);
+    if (X) holding_(&at, x, X, &after, AFTER, &du, DU, &h, p, x, X);
+    else holding_alone(&at, x, &after, &du, &h, p, x);
   }}
   t += T - up;
   @SETTLED
 }}
 static void reading(const double *p, double t, const double *x, const double *X, double u,
                     const double *U, double *y, double *Y) {{
-  reading_(&t, x, X, &u, U, p, y, Y);
+  if (X) reading_(&t, x, X, &u, U, p, y, Y);
+  else reading_alone(&t, x, &u, p, y);
 }}
 """
 
 _ADVANCE = """
 double po_run(const double *p, double t, double before, double after, double T, long rise,
               long held, double *x) {
-  const double none[1] = {0.0};
-  double none_x[1], y, none_y[1];
-  period(p, t, before, none, after, none, T, rise, held, x, none_x);
-  reading(p, t + T, x, none_x, after, none, &y, none_y);
+  double y;
+  period(p, t, before, 0, after, 0, T, rise, held, x, 0);
+  reading(p, t + T, x, 0, after, 0, &y, 0);
   return y;
 }
 """

@@ -16,6 +16,7 @@ from piezo_opt.control.qp import FAR, MOST
 from piezo_opt.effects import Model
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Fit
+from piezo_opt.simulation.composed import address
 
 FloatArray = NDArray[np.float64]
 
@@ -53,7 +54,9 @@ class MPC:
 
     The unknowns are the drive's moves w: the loop follows |w|, by the exact law that the plant
     follows as well. At every sample the model is linearised along the moves of last time, shifted,
-    and one quadratic program gives their change (Gauss-Newton, one real-time iteration). The states
+    and one quadratic program gives their change (Gauss-Newton, one real-time iteration). Where that
+    makes the plan cost more, by the law itself, and half of it does less so, half of it is made:
+    behind a corner of the law, where the drive turns, the linearisation is another one. The states
     come from an :class:`~piezo_opt.control.observe.Observer`, whose disturbance d takes the offset.
     A sample that is no number is passed over; where the program fails the drive is held.
 
@@ -184,7 +187,8 @@ class MPC:
             state = MPCState(0, estimate, None, (self.rest,) * self.delay)
             moves = np.zeros(self.horizon)
         else:
-            moves = np.append(state.moves[1:], state.moves[-1])
+            # Behind the plan's end the drive goes on; where a resonance is stilled moves alternate.
+            moves = np.append(state.moves[1:], np.mean(state.moves[-2:]))
             state = MPCState(state.sample, estimate, None, state.pending[1:])
         # Without a reference the drive is held.
         wanted = self.following(state.sample, reference) if np.isfinite(reference) else None
@@ -205,10 +209,9 @@ class MPC:
             given = (wanted, self.weights, bounds, moves, self._work, told)
             for _ in range(self.rounds):
                 drive = m.library.po_move(
-                    self.horizon, self.iterations, m.p.ctypes.data, estimate.time, self.period,
-                    estimate.states.ctypes.data, estimate.drive, len(state.pending),
-                    pending.ctypes.data, m.steps.rise, m.steps.held,
-                    *(a.ctypes.data for a in given),
+                    self.horizon, self.iterations, address(m.p), estimate.time, self.period,
+                    address(estimate.states), estimate.drive, len(state.pending),
+                    address(pending), m.steps.rise, m.steps.held, *map(address, given),
                 )  # fmt: skip
         return float(drive), MPCState(
             state.sample + 1, estimate, moves, (*state.pending, float(drive)), int(told[0]),

@@ -14,6 +14,7 @@ from piezo_opt.control.horizon import Horizon
 from piezo_opt.effects import Model
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Fit
+from piezo_opt.simulation.composed import address
 
 FloatArray = NDArray[np.float64]
 
@@ -104,8 +105,8 @@ class Observer:
         x, p, used = estimate.states.copy(), estimate.covariance.copy(), np.zeros(1)
         h = self.horizon
         h.library.po_correct(
-            h.p.ctypes.data, estimate.time, estimate.drive, reading,
-            *(a.ctypes.data for a in (self.noises, x, p, used)),
+            address(h.p), estimate.time, estimate.drive, reading,
+            *map(address, (self.noises, x, p, used)),
         )  # fmt: skip
         return replace(estimate, states=x, covariance=p, used=bool(used[0]))
 
@@ -117,8 +118,8 @@ class Observer:
             p[-1, -1] += noises[3] ** 2
             noises = np.array([*noises[:3], 1e300])
         h.library.po_filter(
-            h.p.ctypes.data, time, h.period, estimate.drive, drive, h.steps.rise, h.steps.held,
-            reading, *(a.ctypes.data for a in (noises, x, p, used)),
+            address(h.p), time, h.period, estimate.drive, drive, h.steps.rise, h.steps.held,
+            reading, *map(address, (noises, x, p, used)),
         )  # fmt: skip
         if used[0] < 0.0:
             # What is known leads to what is no number: begin anew at rest.

@@ -1,7 +1,7 @@
 /* Real-time iteration: one linearisation of the model over the horizon, one quadratic program, one
    move of the drive; and the extended Kalman filter that it begins with. period() and reading()
-   carry ND = NX + 2 directions: the states, the drive before, the drive after. Nothing is
-   allocated. Source: Diehl et al. (2002), J. Process Control 12(4), 577-585. */
+   carry ND directions, of which NX + 2 are used: the states, the drive before, the drive after;
+   given null they carry none. Nothing is allocated. Source: Diehl et al. (2002), J. Process Control 12(4), 577-585. */
 
 #define NE (NX + 1) /* estimated: the model's states and a disturbance of the reading */
 
@@ -124,7 +124,37 @@ static int correct(const double *p, double t, double u, double seen, const doubl
   return 1;
 }
 
-/* One real-time iteration. x: estimate at t, the disturbance last; pending: drives asked before
+/* What a plan costs, twice: errors off of the reading and moves w of the drive, as the program has
+   it. */
+static double stage_cost(const double *weights, const double *bounds, double off, double y,
+                         double w, int last) {
+  const double passed = fmax(0.0, y - bounds[4]) + fmax(0.0, bounds[3] - y);
+  return weights[0] * (last ? weights[2] : 1.0) * off * off + weights[1] * w * w +
+         2.0 * weights[3] * passed;
+}
+
+/* The same of the moves w + share dw, by the model itself. */
+static double plan_cost(long n, const double *p, double t, double T, const double *x0, double u,
+                        long rise, long held, const double *r, const double *weights,
+                        const double *bounds, const double *w, const double *dw, double share) {
+  double x[NX + 1], y, cost = 0.0;
+  for (int i = 0; i < NX; ++i) x[i] = x0[i];
+  for (long k = 0; k < n; ++k) {
+    const double move = w[k] + share * dw[k];
+    period(p, t, u, 0, u + move, 0, T, rise, held, x, 0);
+    u += move;
+    t += T;
+    reading(p, t, x, 0, u, 0, &y, 0);
+    y += x0[NX];
+    cost += stage_cost(weights, bounds, y - r[k], y, move, k == n - 1);
+  }
+  return cost;
+}
+
+/* One real-time iteration: the program's step, or half of it where the whole one makes the plan
+   dearer by the law itself (by more than a hundredth: near the optimum rounding would choose), and
+   more so than half of it: a loop's law has corners where the drive turns, and behind a corner the
+   linearisation is another one. x: estimate at t, the disturbance last; pending: drives asked before
    that still wait (delay of them); r: references at the ends of the n periods that follow them;
    w: moves of last time, shifted by the caller. bounds: low, high, slew, lowest and highest
    reading, and for the first move its own low and high drive. told: iterations, gap, status
@@ -135,12 +165,10 @@ static double decide(long n, long most, const double *p, double t, double T, con
                double *told) {
   double *A = work, *B = A + n * NZ * NZ, *C = B + n * NZ, *y = C + n * NZ, *e = y + n,
          *q = e + n, *g = q + n, *limits = g + n, *dw = limits + n * SIDES, *rest = dw + n;
-  double x[NE], none[(NX + 1) * ND], zero[ND], end[NX + 1], u = u0;
+  double x[NE], end[NX + 1], u = u0, now = 0.0;
   for (int i = 0; i < NE; ++i) x[i] = x0[i];
-  for (int i = 0; i < (NX + 1) * ND; ++i) none[i] = 0.0;
-  for (int d = 0; d < ND; ++d) zero[d] = 0.0;
   for (long k = 0; k < delay; ++k) {
-    period(p, t, u, zero, pending[k], zero, T, rise, held, x, none);
+    period(p, t, u, 0, pending[k], 0, T, rise, held, x, 0);
     u = pending[k];
     t += T;
   }
@@ -163,6 +191,7 @@ static double decide(long n, long most, const double *p, double t, double T, con
     const double off = y[k] + x[NX];
     double *limit = limits + k * SIDES;
     e[k] = r[k] - off;
+    now += stage_cost(weights, bounds, e[k], off, w[k], k == n - 1);
     q[k] = weights[0];
     g[k] = weights[1] * w[k];
     dw[k] = 0.0;
@@ -186,7 +215,12 @@ static double decide(long n, long most, const double *p, double t, double T, con
   const long done = solve_program(&m, dw, rest, told + 1);
   told[0] = (double)done;
   told[2] = done < 0 ? 1.0 : 0.0;
-  for (long k = 0; k < n; ++k) w[k] = done < 0 || !isfinite(dw[k]) ? 0.0 : w[k] + dw[k];
+  double share = 1.0, whole = 0.0;
+  if (done >= 0) whole = plan_cost(n, p, t, T, x, u, rise, held, r, weights, bounds, w, dw, 1.0);
+  if (!(whole <= 1.01 * now) &&
+      !(plan_cost(n, p, t, T, x, u, rise, held, r, weights, bounds, w, dw, 0.5) >= whole))
+    share = 0.5;
+  for (long k = 0; k < n; ++k) w[k] = done < 0 || !isfinite(dw[k]) ? 0.0 : w[k] + share * dw[k];
   const double asked = u + w[0];
   const double kept = fmin(fmax(isfinite(asked) ? asked : u, bounds[5]), bounds[6]);
   w[0] = kept - u;

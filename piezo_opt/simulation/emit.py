@@ -91,9 +91,25 @@ class Block:
     """For each output of the function the C expression of each of its elements."""
 
 
+LANE: Final = "@"
+"""Ends the name of a variable that is several numbers side by side, one for each derivative."""
+BESIDE: Final = {
+    ca.OP_ADD: "({0} + {1})",
+    ca.OP_SUB: "({0} - {1})",
+    ca.OP_MUL: "({0} * {1})",
+    ca.OP_DIV: "({0} / {1})",
+    ca.OP_IF_ELSE_ZERO: "({0} ? {1} : none)",
+    ca.OP_ASSIGN: "{0}",
+    ca.OP_NEG: "(-{0})",
+    ca.OP_TWICE: "({0} + {0})",
+}
+"""What is done to derivatives, which only ever enter linearly."""
+
+
 def emit(
-    function: ca.Function, names: Sequence[str], levels: Sequence[int], prefix: str, depth: int
-) -> Block:
+    function: ca.Function, names: Sequence[str], levels: Sequence[int], prefix: str, depth: int,
+    wide: Sequence[int] = (),
+) -> Block:  # fmt: skip
     """Write an SX function as C statements.
 
     Args:
@@ -102,6 +118,8 @@ def emit(
         levels: loop level at which each input is known, 0 outermost.
         prefix: prefix of the variables made here.
         depth: number of levels.
+        wide: inputs whose elements are lanes: their names, and those of what is made of them, end
+            with :data:`LANE`, and lines that hold it are of the type ``lane``.
 
     Raises:
         NotImplementedError: an operation that has no C text; the operation's number is named.
@@ -115,23 +133,25 @@ def emit(
         if one.op == ca.OP_OUTPUT:
             outputs[one.place[0]][one.place[1]] = text[one.inputs[0]]
         elif one.op == ca.OP_INPUT:
-            text[k] = f"{names[one.place[0]]}_{one.place[1]}"
+            text[k] = f"{names[one.place[0]]}_{one.place[1]}{LANE * (one.place[0] in wide)}"
         elif one.op == ca.OP_CONST:
             text[k] = number(one.constant)
         else:
-            text[k] = f"{prefix}{k}"
-            said = pattern(one.op).format(*(text[i] for i in one.inputs))
-            lines[level[k]].append(f"const double {text[k]} = {said};")
+            beside = any(LANE in text[i] for i in one.inputs)
+            text[k] = f"{prefix}{k}{LANE * beside}"
+            said = pattern(one.op, beside).format(*(text[i] for i in one.inputs))
+            kind = "lane" if beside else "double"
+            lines[level[k]].append(f"const {kind} {text[k]} = {said};")
     return Block(tuple(map(tuple, lines)), tuple(map(tuple, outputs)))
 
 
-def pattern(op: int) -> str:
-    """The C text of an operation.
+def pattern(op: int, beside: bool = False) -> str:
+    """The C text of an operation, on numbers or on lanes.
 
     Raises:
         NotImplementedError: there is none.
     """
-    found = BINARY.get(op) or UNARY.get(op)
+    found = BESIDE.get(op) if beside else BINARY.get(op) or UNARY.get(op)
     if found is None:
         raise NotImplementedError(f"CasADi operation {op} has no C text in {__name__}.")
     return found

@@ -54,7 +54,7 @@ def test_a_robust_design_is_judged_on_draws_that_it_has_not_seen() -> None:
 
 def made() -> ControlBench:
     timed = [
-        Timed(a, w, 100, 80, t, 1.5 * t, 0.0, 1.0, t / 1e-4)
+        Timed(a, w, 100, 80, t, 1.5 * t, 0.0, 1.0, 0.0, t / 1e-4)
         for a in ("with a loop", "without")
         for w, t in (("real-time iteration", 1e-4), ("FATROP", 1e-2))
     ]

@@ -227,6 +227,23 @@ def test_one_iteration_costs_what_the_converged_solution_costs() -> None:
     assert cost(1) <= 1.01 * cost(15)
 
 
+def test_where_the_drive_ends_too_low_one_iteration_costs_the_same() -> None:
+    """Behind corners of the law a whole step may cost twice what is planned: 4 % of the loop's."""
+    limits, reference = Limits(-5.0, 38.0, 8.5e3), triangles(400)
+
+    def cost(rounds: int) -> float:
+        own = asked(limits=limits, reference=reference, rounds=rounds, horizon=50)
+        return sum(
+            close_loop(
+                ModelPlant(STAGE, VALUES), own, reference, period=PERIOD, limits=limits,
+                noise=5e-9, seed=seed,
+            ).rms ** 2
+            for seed in range(3)
+        )  # fmt: skip
+
+    assert cost(1) <= 1.01 * cost(8)
+
+
 def test_no_offset_stays_where_model_and_plant_differ() -> None:
     other = {**VALUES, "piezo_gain.d": 1.7e-7, "creep.c": 0.08}
     reference = np.full(600, 3e-6)

@@ -14,7 +14,7 @@ from piezo_opt.assembly import System, assemble, folded
 from piezo_opt.control import MPC, Limits
 from piezo_opt.control.motion import RISE
 from piezo_opt.control.observe import PATIENCE
-from piezo_opt.control.qp import NARROW, START, TOLERANCE
+from piezo_opt.control.qp import NARROW, TOLERANCE
 from piezo_opt.export.c import naming
 from piezo_opt.export.c.graph import Graph
 from piezo_opt.export.c.lacking import lacking
@@ -45,7 +45,8 @@ STATES: Final = """\
 """
 
 _PERIOD: Final = """\
-/* One step h of the classical Runge-Kutta scheme, and its derivatives along ND directions. */
+/* One step h of the classical Runge-Kutta scheme, and, unless X is null, its derivatives along ND
+   directions. */
 static void runge_kutta(const double *p, double t, double h, double u, const double *U, double du,
                         const double *DU, double *x, double *X) {
   double k[NX + 1], K[(NX + 1) * ND], sum[NX + 1], SUM[(NX + 1) * ND], at[NX + 1];
@@ -58,21 +59,21 @@ static void runge_kutta(const double *p, double t, double h, double u, const dou
     const double weight = stage == 1 || stage == 2 ? 2.0 : 1.0;
     double AT[(NX + 1) * ND];
     for (int i = 0; i < NX; ++i) at[i] = x[i] + since * k[i];
-    for (int i = 0; i < NX * ND; ++i) AT[i] = X[i] + since * K[i];
+    for (int i = 0; X && i < NX * ND; ++i) AT[i] = X[i] + since * K[i];
     slopes(p, t + since, at, u + du * since, du, k, fx, fu, fr);
-    for (int i = 0; i < NX; ++i) {
+    for (int i = 0; i < NX; ++i) sum[i] += weight * k[i];
+    for (int i = 0; X && i < NX; ++i) {
       double *row = K + i * ND;
       for (int d = 0; d < ND; ++d) row[d] = fu[i] * (U[d] + DU[d] * since) + fr[i] * DU[d];
       for (int j = 0; j < NX; ++j) {
         const double slope = fx[i * NX + j];
         for (int d = 0; d < ND; ++d) row[d] += slope * AT[j * ND + d];
       }
-      sum[i] += weight * k[i];
     }
-    for (int i = 0; i < NX * ND; ++i) SUM[i] += weight * K[i];
+    for (int i = 0; X && i < NX * ND; ++i) SUM[i] += weight * K[i];
   }
   for (int i = 0; i < NX; ++i) x[i] += h / 6.0 * sum[i];
-  for (int i = 0; i < NX * ND; ++i) X[i] += h / 6.0 * SUM[i];
+  for (int i = 0; X && i < NX * ND; ++i) X[i] += h / 6.0 * SUM[i];
 }
 
 @SETTLE
@@ -81,10 +82,10 @@ static void period(const double *p, double t, double before, const double *BEFOR
                    const double *AFTER, double T, long rise, long held, double *x, double *X) {
   const double up = @RISE * T;
   double du = (after - before) / up, DU[ND], U[ND], h = up / (double)rise;
-  for (int d = 0; d < ND; ++d) DU[d] = (AFTER[d] - BEFORE[d]) / up;
+  for (int d = 0; X && d < ND; ++d) DU[d] = (AFTER[d] - BEFORE[d]) / up;
   for (long k = 0; k < rise; ++k) {
     const double s = (double)k * h;
-    for (int d = 0; d < ND; ++d) U[d] = BEFORE[d] + DU[d] * s;
+    for (int d = 0; X && d < ND; ++d) U[d] = BEFORE[d] + DU[d] * s;
     runge_kutta(p, t + s, h, before + du * s, U, du, DU, x, X);
   }
   t += up;
@@ -102,8 +103,8 @@ static void reading(const double *p, double t, const double *x, const double *X,
   double yx[NX + 1], yu = 0.0;
   for (int i = 0; i < NX + 1; ++i) yx[i] = 0.0;
   shown(p, t, x, u, y, yx, &yu);
-  for (int d = 0; d < ND; ++d) Y[d] = yu * U[d];
-  for (int i = 0; i < NX; ++i)
+  for (int d = 0; X && d < ND; ++d) Y[d] = yu * U[d];
+  for (int i = 0; X && i < NX; ++i)
     for (int d = 0; d < ND; ++d) Y[d] += yx[i] * X[i * ND + d];
 }
 
@@ -116,14 +117,14 @@ static void settle(const double *p, double t, double u, const double *U, double 
   for (int i = 0; i < NX * NX + 1; ++i) jx[i] = 0.0;
   for (int i = 0; i < NX + 1; ++i) ju[i] = jr[i] = 0.0;
   jumps(p, t, x, u, du, after, jx, ju, jr);
-  for (int i = 0; i < NX; ++i)
+  for (int i = 0; X && i < NX; ++i)
     for (int d = 0; d < ND; ++d) {
       double sum = ju[i] * U[d] + jr[i] * DU[d];
       for (int j = 0; j < NX; ++j) sum += jx[i * NX + j] * X[j * ND + d];
       AFTER[i * ND + d] = sum;
     }
   for (int i = 0; i < NX; ++i) x[i] = after[i];
-  for (int i = 0; i < NX * ND; ++i) X[i] = AFTER[i];
+  for (int i = 0; X && i < NX * ND; ++i) X[i] = AFTER[i];
 }
 
 """
@@ -176,7 +177,10 @@ static int observe(@n *c, double seen) {
   if (begun) {
     c->held = drive;
     for (int i = 0; i < DELAY; ++i) c->waiting[i] = c->waiting[i + 1];
+    /* Behind the plan's end the drive goes on; where a resonance is stilled moves alternate. */
+    const double on = 0.5 * (c->moves[HORIZON - 1] + c->moves[HORIZON > 1 ? HORIZON - 2 : 0]);
     for (int i = 0; i + 1 < HORIZON; ++i) c->moves[i] = c->moves[i + 1];
+    c->moves[HORIZON - 1] = on;
   }
   return used;
 }
@@ -296,8 +300,8 @@ def _defines(law: MPC, precision: Precision) -> str:
         ("ITERATIONS", str(law.iterations)), ("ROUNDS", str(law.rounds)),
         ("PERIOD", precision.number(law.period)), ("RISE_STEPS", str(h.steps.rise)),
         ("HELD_STEPS", str(h.steps.held)), ("PATIENCE", str(PATIENCE)),
-        ("FAR", precision.number(_FAR)), ("START", precision.number(START)),
-        ("TOLERANCE", precision.number(enough)), ("NARROW", precision.number(narrow)),
+        ("FAR", precision.number(_FAR)), ("TOLERANCE", precision.number(enough)),
+        ("NARROW", precision.number(narrow)),
     ]  # fmt: skip
     return "".join(f"#define {k} {v}\n" for k, v in pairs) + "\n"
 

@@ -34,10 +34,10 @@ def apart(
     """Samples, and the largest difference of a drive as a share of the drives' range.
 
     The model itself is the plant, and its sensor has faults: no number, infinite, stuck, and out of
-    range; references are out of reach, or none. Where limits bind, moves of next to nothing have a
-    sign that rounding decides, the loop's law follows that sign, and what is best jumps: there half
-    of the samples must agree, to a hundred times the difference. In double the estimated states
-    count as well.
+    range; references are out of reach, or none. Where limits bind, or did a sample before, moves of
+    next to nothing have a sign that rounding decides, the loop's law follows that sign, and what is
+    best jumps: there half of the samples must agree, to a hundred times the difference. In double
+    the estimated states count as well.
 
     Raises:
         ModelError: the code does not compile, or answers beyond the limits or with no number.
@@ -72,7 +72,7 @@ def _compared(law: MPC, limits: Limits, own: Any, act: Any, precision: str) -> f
     reading = last = plant.begin(drive)
     waiting = [drive] * law.delay
     drives, states = np.empty((SAMPLES, 2)), np.empty((2, SAMPLES, h.states + 1))
-    free, inside = np.empty(SAMPLES, dtype=bool), True
+    free, inside, bound = np.empty(SAMPLES, dtype=bool), True, False
     for k in range(SAMPLES):
         seen = reading + law.observer.noises[2] * float(generator.normal())
         if k % 97 == 11:
@@ -89,7 +89,10 @@ def _compared(law: MPC, limits: Limits, own: Any, act: Any, precision: str) -> f
         drive = drives[k, 0] = min(max(asked, least), most)
         assert state.estimate is not None
         states[:, k] = state.estimate.states, own.x[:]
-        free[k] = state.iterations == 0
+        # What binds in a program leaves moves of nothing in the plan that the next one begins with.
+        binds = state.iterations > 0 or own.iterations > 0
+        free[k] = not (binds or bound)
+        bound = binds
         # What a float takes for a limit may lie beyond it by its last digit.
         slack = 1e-6 * max(abs(least), abs(most))
         inside = inside and least - slack <= drives[k, 1] <= most + slack
