@@ -10,7 +10,8 @@ answer:
   holds the truth; better, its *member* is the truth, lags, delay and sensor lag counting as one;
 - nothing hidden: the verdict is "complete";
 - two effects hidden: both are accepted, and no third;
-- something outside the catalogue: no effect is claimed to complete the explanation.
+- something outside the catalogue: no effect is claimed to complete the explanation;
+- a catalogue without the effect that is hidden: the answer is "unexplained".
 """
 
 from __future__ import annotations
@@ -54,6 +55,8 @@ FORMS: Final = {
 """Classes that hide another form of a row of the catalogue than the class of its name."""
 WITHHELD: Final = {"interferometer_fringes": "sensor_nonlinearity"}
 """Classes that are outside the catalogue only while its row is withheld."""
+LEVELS: Final = (0.05, 0.01)
+"""Levels at which p-values are asked whether they mean what they say."""
 _OUTSIDE: Final = frozenset(name for family in FAMILIES.values() for name in family.outside)
 _FEWEST: Final = 8
 """Classes that a blind run has at least: the totals of fewer would tell of one of them."""
@@ -82,6 +85,8 @@ class Judged:
             and with what was accepted, and of the other record with it.
         making, fitting, diagnosing: seconds.
         alone: whether it was diagnosed without the other record.
+        left_out: whether the catalogue was without what is hidden.
+        p_value: the least one of the suspects, before any refit; NaN where nothing was scored.
         plainest: what refitting with each effect of the catalogue names, "" for nothing; None
             where that was not asked for.
         refitting: seconds it took.
@@ -108,15 +113,19 @@ class Judged:
     fitting: float = 0.0
     diagnosing: float = 0.0
     alone: bool = False
+    left_out: bool = False
+    p_value: float = float("nan")
     plainest: str | None = None
     refitting: float = 0.0
     error: str = ""
 
     @property
     def sort(self) -> str:
-        """ "none", "one", "two" or "outside"."""
+        """ "none", "one", "two", "outside" or "left out"."""
         if not self.effects:
             return "none"
+        if self.left_out:
+            return "left out"
         if set(self.effects) & _OUTSIDE:
             return "outside"
         return "one" if len(self.effects) == 1 else "two"
@@ -151,6 +160,8 @@ class Judged:
             return self.verdict == "complete"
         if self.sort == "outside":
             return self.verdict != "missing"
+        if self.sort == "left out":
+            return self.verdict == "unexplained"
         return self.all_found and self.member_right and not self.surplus
 
     @property
@@ -158,7 +169,7 @@ class Judged:
         """The answer as a column of the confusion matrix: effects, else the verdict."""
         if self.error:
             return "failed"
-        if self.sort in ("none", "outside") and self.verdict != "missing":
+        if self.sort in ("none", "outside", "left out") and self.verdict != "missing":
             return self.verdict
         return "+".join(self.steps) if self.steps else self.verdict
 
@@ -207,7 +218,15 @@ class HiddenTable:
             "outside: no effect completes it": count(
                 by["outside"], lambda r: r.verdict != "missing"
             ),
+            "left out: unexplained": count(by["left out"], lambda r: r.verdict == "unexplained"),
+            "left out: no effect completes it": count(
+                by["left out"], lambda r: r.verdict != "missing"
+            ),
         }
+        for level in LEVELS:
+            asked[f"nothing hidden: least p below {level:g}"] = (
+                sum(r.p_value < level for r in by["none"]), len(by["none"])
+            )  # fmt: skip
         for sort, name, holds in _PLAINEST:
             rows = [r for r in by[sort] if r.plainest is not None]
             asked[name] = sum(holds(r) for r in rows), len(rows)
@@ -295,7 +314,7 @@ class HiddenTable:
         return table(head, cells)
 
 
-_SORTS: Final = ("none", "one", "two", "outside")
+_SORTS: Final = ("none", "one", "two", "outside", "left out")
 _PLAINEST: Final[tuple[tuple[str, str, Callable[[Judged], bool]], ...]] = (
     (
         "one", "one hidden: refits alone name the member",
@@ -316,6 +335,7 @@ class _Job:
     threads: int
     family: FamilyName = "own"
     plainest: bool = False
+    left_out: bool = False
 
 
 def hidden_bench(
@@ -331,6 +351,7 @@ def hidden_bench(
     family: FamilyName = "own",
     blind: bool = False,
     baseline: bool = False,
+    leave_out: bool = False,
 ) -> HiddenTable:
     """Diagnose records with hidden effects, and judge the answers.
 
@@ -347,6 +368,8 @@ def hidden_bench(
         family: of the plants: "own", or "foreign", by another hand.
         blind: tell only totals, of eight classes at least; nothing is logged.
         baseline: ask the plainest search, too: refit with each effect, and take the best.
+        leave_out: diagnose with a catalogue that lacks what is hidden; classes of which the
+            catalogue has nothing are left out of the run.
 
     Returns:
         the table, or the table of what was done when interrupted (Ctrl-C).
@@ -357,6 +380,8 @@ def hidden_bench(
     """
     known = (*FAMILIES[family].classes, TWO)
     labels = known if classes is None else tuple(dict.fromkeys(classes))
+    if leave_out:
+        labels = tuple(one for one in labels if one != "none" and one not in _OUTSIDE)
     for label in labels:
         for name in label.split("+"):
             if name not in known or (name == TWO and label != TWO):
@@ -375,7 +400,7 @@ def hidden_bench(
     threads = 2 if executor is None else 1
     numbers = range(first_seed, first_seed + seeds)
     jobs = [
-        _Job(label, seed, level, samples, threads, family, baseline)
+        _Job(label, seed, level, samples, threads, family, baseline, leave_out)
         for label in labels
         for seed in numbers
     ]
@@ -440,6 +465,8 @@ def _judge(nothing: None, job: _Job) -> Judged:  # noqa: ARG001
             raise KeyboardInterrupt
         fitted = perf_counter()
         withheld = tuple(WITHHELD[name] for name in names if name in WITHHELD)
+        if job.left_out:
+            withheld += tuple(sorted({row for name in names for row in _rows(name)}))
         alone = _alone(job)
         found = diagnose(
             fit,
@@ -476,6 +503,8 @@ def _judge(nothing: None, job: _Job) -> Judged:  # noqa: ARG001
             fitting=fitted - made,
             diagnosing=ended - fitted,
             alone=alone,
+            left_out=job.left_out,
+            p_value=min((one.p_value for one in found.suspects), default=float("nan")),
             plainest=plainest,
             refitting=perf_counter() - begun,
         )
@@ -517,6 +546,11 @@ def _pooled(name: str) -> str:
     return "lag" if name in POOLED else FORMS.get(name, name)
 
 
+def _rows(name: str) -> frozenset[str]:
+    """Rows of the catalogue that say the same as a class; lags and delays are one."""
+    return POOLED if name in POOLED else frozenset({FORMS.get(name, name)})
+
+
 def _median(values: Sequence[float]) -> float:
     finite = [v for v in values if np.isfinite(v)]
     return float(np.median(finite)) if finite else float("nan")
@@ -530,6 +564,8 @@ def _offset(progress: Counted | None, done: int, total: int) -> Counted | None:
 
 def _heading(job: _Job) -> dict[str, Any]:
     heading = {"schema": SCHEMA, "level": job.level, "samples": job.samples}
+    if job.left_out:
+        heading = {**heading, "left_out": True}
     # Logs of the first family are older than the others.
     return heading if job.family == "own" else {**heading, "family": job.family}
 

@@ -93,6 +93,10 @@ def hidden(
         bool,
         typer.Option("--baseline", help="Also refit with every effect and take the best: slow."),
     ] = False,
+    leave_out: Annotated[
+        bool,
+        typer.Option("--leave-out", help="Diagnose with a catalogue that lacks what is hidden."),
+    ] = False,
     max_time: o.MaxTime = None,
     overwrite: o.Overwrite = False,
 ) -> None:
@@ -106,6 +110,7 @@ def hidden(
       piezo-opt bench hidden --classes none,creep,two --workers 2 --json hidden.json
       piezo-opt bench hidden --level hard --workers 2 --log hard.jsonl
       piezo-opt bench hidden --blind --seeds 5 --workers 2 --json totals.json
+      piezo-opt bench hidden --leave-out --seeds 1 --samples 4000 --workers 2
     """
     from piezo_opt.benchmark.hidden import hidden_bench
 
@@ -126,6 +131,7 @@ def hidden(
             family=chosen.value,
             blind=blind,
             baseline=baseline,
+            leave_out=leave_out,
         )
     typer.echo(str(found))
     if json is not None:

@@ -58,7 +58,8 @@ class Diagnosis:
     Attributes:
         fit: the fit that was diagnosed.
         final: the fit at the top of the ladder, on all of the fitted records.
-        verdict: ``"complete"``, ``"missing"`` or ``"unexplained"``; ``"open"`` without a ladder.
+        verdict: ``"complete"``, ``"missing"`` or ``"unexplained"``; ``"open"`` where nothing
+            was refitted, or the search was ended while its best left more than noise.
         noise: the noise floor.
         suspects: scores of every candidate at the fit, likeliest first.
         unscored: candidates that could not be scored, and why.
@@ -368,7 +369,8 @@ def diagnose(
         refits=searched.book.refits,
     )
     if searched.interrupted:
-        verdict = found.verdict if answer.steps or is_noise(final, worth) else "open"
+        # The nearest name so far is no answer while more than noise is left.
+        verdict = found.verdict if is_noise(final, worth) else "open"
         found = replace(found, verdict=verdict, stopped=_who(limit))
     else:
         try:
@@ -512,8 +514,14 @@ def _headline(diagnosis: Diagnosis) -> str:
         return _verdict(diagnosis)
     ended = "the time limit passed" if diagnosis.stopped is Stopped.LIMIT else "it was interrupted"
     if diagnosis.verdict == "open":
-        left = show(diagnosis.fit.rms, "m")
-        return f"Not finished: {ended} before an effect was accepted (rms {left})."
+        before, after = show(diagnosis.fit.rms, "m"), show(diagnosis.final.rms, "m")
+        if not diagnosis.steps:
+            return f"Not finished: {ended} before an effect was accepted (rms {before})."
+        names = ", ".join(_with_group(s) for s in diagnosis.steps)
+        return (
+            f"Not finished: when {ended}, {names} had brought the error from {before} to {after}, "
+            "which is more than noise."
+        )
     return f"Not finished, the best when {ended}. {_verdict(diagnosis)}"
 
 

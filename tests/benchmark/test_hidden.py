@@ -98,6 +98,13 @@ def test_shares_and_confusion_count_what_was_said() -> None:
     assert "33.3 %  (1 of 3)" in text
 
 
+def test_p_values_of_records_that_hide_nothing_are_counted_below_each_level() -> None:
+    rows = tuple(Judged("none", (), k, p_value=p) for k, p in enumerate((0.2, 0.03, 0.004, 1.0)))
+    shares = HiddenTable("standard", (*rows, Judged("none", (), 4))).shares
+    assert shares["nothing hidden: least p below 0.05"] == (2, 5)
+    assert shares["nothing hidden: least p below 0.01"] == (1, 5)
+
+
 @pytest.fixture(scope="module")
 def small() -> HiddenTable:
     """One record each of four classes, half as long as usual."""
@@ -233,6 +240,20 @@ def test_the_plainest_search_names_what_the_criterion_prefers() -> None:
     all_but = tuple(name for name in CATALOGUE if name not in ("mains_pickup", "drift"))
     assert refit_everything(fit, withhold=all_but) == "mains_pickup"
     assert refit_everything(fit, withhold=tuple(CATALOGUE)) == ""
+
+
+def test_without_its_row_of_the_catalogue_an_effect_stays_unexplained() -> None:
+    classes = ["none", "sensor_nonlinearity", "stick_events"]
+    found = hidden_bench(classes, 1, samples=2000, leave_out=True)
+    (row,) = found.rows
+    assert (row.label, row.sort, row.verdict, row.error) == (
+        "sensor_nonlinearity", "left out", "unexplained", "",
+    )  # fmt: skip
+    assert "sensor_nonlinearity" not in row.steps
+    assert row.baseline > 2.5, "nothing to find"
+    assert found.shares["left out: unexplained"] == (1, 1)
+    assert hidden._rows("delay") == hidden.POOLED
+    assert hidden._rows("backlash") == {"dead_zone"}
 
 
 def test_pairs_differ_from_seed_to_seed_and_do_not_count_as_one() -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import threading
 import time
+from dataclasses import replace
 from importlib import import_module
 
+import numpy as np
 import pytest
 
 from piezo_opt.diagnosis.book import Book
@@ -81,3 +84,24 @@ def test_what_was_accepted_before_an_interrupt_is_kept(monkeypatch: pytest.Monke
     assert found.verdict == "missing"
     assert found.final.rms < 0.4 * found.fit.rms
     assert found.headline.startswith("Not finished, the best when it was interrupted. Missing:")
+
+
+def test_the_nearest_name_so_far_is_no_answer_while_more_than_noise_is_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(_: Book, at: Members, *__: object) -> None:
+        if at.effects:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(search, "_lightened", interrupted)
+    train, _ = hidden_effect.data().split(hidden_effect.SPLIT)
+    hum = 10.0 * hidden_effect.noise_rms() * np.sin(300.0 * train.time)
+    found = diagnose(replace(train, position=train.position + hum), withhold=but("creep"))
+    assert found.stopped is Stopped.USER
+    assert [step.name for step in found.steps] == ["creep"]
+    assert found.verdict == "open"
+    assert re.fullmatch(
+        r"Not finished: when it was interrupted, creep had brought the error from .* to .*, "
+        r"which is more than noise\.",
+        found.headline,
+    )
