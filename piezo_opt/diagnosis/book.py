@@ -135,6 +135,9 @@ class Book:
     def race(self, starts: Sequence[Start], kept: int = _KEPT) -> None:
         """Fit sets from their starts in rounds; who is behind is left where he is.
 
+        A fresh start does not race against the others of its own set: these are near to where the
+        last fit ended from the first round on, and may be stuck there.
+
         Args:
             starts: sets and where they begin.
             kept: of so many sets one goes on after a round.
@@ -142,25 +145,28 @@ class Book:
         fresh = [start for start in starts if self._new(start)]
         with Pool(max_workers=self._threads) as pool:
             running = [
-                (members, fit) for members, fit in pool.map(self._first, fresh) if fit is not None
+                (start, fit) for start, fit in pool.map(self._first, fresh) if fit is not None
             ]
             self._recolour()
             iterations = _FIRST
             for _ in range(0 if self.brief else _ROUNDS):
-                ahead: dict[Members, Fit] = {}
-                for members, fit in running:
-                    if members not in ahead or fit.rms < ahead[members].rms:
-                        ahead[members] = fit
-                ranked = sorted(ahead.items(), key=lambda pair: self._criterion(*pair))
+                ahead: dict[tuple[Members, bool], tuple[Start, Fit]] = {}
+                for start, fit in running:
+                    key = start.members, start.values is None
+                    if key not in ahead or fit.rms < ahead[key][1].rms:
+                        ahead[key] = start, fit
+                ranked = sorted(
+                    ahead.values(), key=lambda pair: self._criterion(pair[0].members, pair[1])
+                )
                 ranked = ranked[: max(_LEAST, -(-len(ranked) // kept))]
-                open_ = [(m, f) for m, f in ranked if not f.outcome.success]
+                open_ = [(s, f) for s, f in ranked if not f.outcome.success]
                 if not open_:
                     break
                 iterations *= 2
                 more = list(pool.map(partial(self._further, iterations=iterations), open_))
                 self._recolour()
                 done = [pair for pair in ranked if pair[1].outcome.success]
-                running = [*done, *((m, f) for m, f in more if f is not None)]
+                running = [*done, *((s, f) for s, f in more if f is not None)]
 
     def _recolour(self) -> None:
         """Take the noise's colour from the closest fit, by the criterion of white noise.
@@ -195,23 +201,23 @@ class Book:
         self._begun.add(key)
         return True
 
-    def _first(self, start: Start) -> tuple[Members, Fit | None]:
+    def _first(self, start: Start) -> tuple[Start, Fit | None]:
         values = self.fresh(start.members) if start.values is None else start.values
         if values is None:
-            return start.members, None
+            return start, None
         fit = None
         with suppress(*NO_FIT):
             self.refits += 1
             question = start.members.question(self.question)
             fit = refit(question, _own(values, question), _FIRST, mend=False)
             self.keep(start.members, fit)
-        return start.members, fit
+        return start, fit
 
-    def _further(self, running: tuple[Members, Fit], iterations: int) -> tuple[Members, Fit | None]:
-        members, fit = running
+    def _further(self, running: tuple[Start, Fit], iterations: int) -> tuple[Start, Fit | None]:
+        start, fit = running
         with suppress(*NO_FIT):
-            return members, self._went_on(members, fit, iterations)
-        return members, None
+            return start, self._went_on(start.members, fit, iterations)
+        return start, None
 
     def _went_on(self, members: Members, fit: Fit, iterations: int) -> Fit:
         self.refits += 1

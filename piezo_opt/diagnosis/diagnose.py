@@ -10,6 +10,7 @@ from enum import Enum
 from typing import Any, final
 
 from piezo_opt.diagnosis.advice import Advice, experiments
+from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import WORTH
 from piezo_opt.diagnosis.judge import Judge, worded
 from piezo_opt.diagnosis.members import law
@@ -17,7 +18,7 @@ from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.diagnosis.points import Point, points
 from piezo_opt.diagnosis.residue import exceeds, is_noise
 from piezo_opt.diagnosis.scores import Suspect, Unscored, by_name
-from piezo_opt.diagnosis.scoring import at_foot
+from piezo_opt.diagnosis.scoring import at_foot, scored
 from piezo_opt.diagnosis.search import Effort, search
 from piezo_opt.diagnosis.structure import Structure, structure
 from piezo_opt.diagnosis.told import Rival, Step, Told, in_words, told
@@ -61,7 +62,8 @@ class Diagnosis:
         verdict: ``"complete"``, ``"missing"`` or ``"unexplained"``; ``"open"`` where nothing
             was refitted, or the search was ended while its best left more than noise.
         noise: the noise floor.
-        suspects: scores of every candidate at the fit, likeliest first.
+        suspects: scores of every candidate, likeliest first: at the fit, or at the final one where
+            nothing had to be added to it.
         unscored: candidates that could not be scored, and why.
         steps: accepted effects.
         refined: what was needed in more detail and is no new effect: parameters that were freed
@@ -375,6 +377,7 @@ def diagnose(
     else:
         try:
             with limit:
+                found = _rescored(found, offered, unheard, searched.book.colour, threads)
                 found = _judged(found, worth, tell, threads)
                 found = _with_experiments(found, offered, advise, tell, threads)
         except KeyboardInterrupt:
@@ -384,6 +387,24 @@ def diagnose(
 
 def _who(limit: TimeLimit) -> Stopped:
     return Stopped.LIMIT if limit.passed else Stopped.USER
+
+
+def _rescored(
+    found: Diagnosis,
+    offered: Sequence[Effect],
+    unheard: Sequence[Unscored],
+    colour: Colour,
+    threads: int,
+) -> Diagnosis:
+    """With the scores where the base model came out, if nothing is to be added to it.
+
+    Where its own details had to be freed first, scores before that say what those details look
+    like: p-values mean what they say only where nothing but noise is left.
+    """
+    if found.steps or found.final.values == found.fit.values:
+        return found
+    suspects, unscored = scored(found.final, offered, threads, colour)
+    return replace(found, suspects=by_name(suspects), unscored=(*unscored, *unheard))
 
 
 def _judged(found: Diagnosis, least: float, tell: Callable[[str], None], threads: int) -> Diagnosis:

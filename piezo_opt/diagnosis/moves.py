@@ -86,11 +86,20 @@ def pairs(at: Members, suspects: Sequence[Suspect], most: int, book: Book) -> li
 
 
 def details(fit: Fit, book: Book) -> list[Start]:
-    """What the set has already, in more detail; mechanics that were left out."""
-    return [
+    """What the set has already, in more detail; mechanics that were left out, also from a fresh
+    start: a fit that lacks them is bent by that."""
+    begun = [
         Start(Members.of(question, book.question), dict(start))
         for question, start in in_detail(fit)
     ]
+    own = Members.of(fit.question, book.question)
+    joined = dict.fromkeys(start.members for start in begun if start.members.base != own.base)
+    fresh = [
+        Start(members, None)
+        for members in joined
+        if members.model.quasi_static != fit.model.quasi_static
+    ]
+    return [*begun, *fresh]
 
 
 def still(at: Members, fit: Fit, foot: Identification) -> list[Start]:
