@@ -1,105 +1,190 @@
-"""Whether the drive that is advised for a group resolves it: plants that the record allows."""
+"""Whether the drive that a diagnosis advises for a group resolves it, on plants it thinks possible.
+
+Each group is one that the diagnosis itself names: a record with a hidden effect, whose drive lets
+another effect imitate it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final, final
 
 import numpy as np
 
-from piezo_opt.diagnosis.advice import advise
-from piezo_opt.effects import AmplifierLag, BoucWen, Delay, Offset, PiezoGain
+from piezo_opt.diagnosis import diagnose
+from piezo_opt.diagnosis.advice import Advice, converged
+from piezo_opt.effects import (
+    AmplifierLag,
+    BoucWen,
+    Creep,
+    CubicStiffness,
+    Effect,
+    Model,
+    NonlinearGain,
+    Offset,
+    PiezoGain,
+    SecondOrder,
+)
+from piezo_opt.errors import InputError
 from piezo_opt.identification import Fit, Identification, solve
 from piezo_opt.measurement import FloatArray, Measurement
-from piezo_opt.signals import best_between
 from piezo_opt.signals.answer import Answer, draws
 from piezo_opt.simulation import simulate
 
-_NOISE: Final = 50e-9
-_RATE: Final = 1000.0
-_SLEW: Final = 2000.0
-"""[V/s] of the drive that is computed; no edge faster than 2 V a sample."""
+_STILL: Final = PiezoGain() + BoucWen() + Offset()
+_MOVING: Final = PiezoGain() + BoucWen() + SecondOrder() + Offset()
 _TRUTH: Final = {
     "piezo_gain.d": 1.2e-7, "bouc_wen.alpha": 3e-8, "bouc_wen.beta": 2e-2,
-    "bouc_wen.gamma": -5e-3, "amplifier_lag.share": 1.0, "amplifier_lag.tau": 2e-3,
+    "bouc_wen.gamma": -5e-3, "offset.y0": 1e-7, "second_order.omega": 2.0 * np.pi * 60.0,
+    "second_order.zeta": 0.1,
 }  # fmt: skip
 
 
 @final
 @dataclass(frozen=True)
-class Resolved:
-    """What became of a group on one drive.
+class Ambiguous:
+    """A record on which an effect is hidden that others imitate.
 
     Attributes:
-        advice: whose drive: of the diagnosis, or computed between the models.
+        hidden: the effect, and its own values.
+        moving: whether the plant has a resonance (60 Hz).
+        drive: "sine" or "triangle", 0..100 V.
+        frequency: of it [Hz].
+        rate, samples: samples a second [Hz], and how many.
+        noise: of the reading [m].
+    """
+
+    hidden: tuple[Effect, Mapping[str, float]]
+    moving: bool
+    drive: str
+    frequency: float
+    rate: float
+    samples: int
+    noise: float
+
+    def record(self) -> Measurement:
+        """What was measured."""
+        time = np.arange(self.samples) / self.rate
+        turns = self.frequency * time
+        wave = (
+            0.5 - 0.5 * np.cos(2.0 * np.pi * turns)
+            if self.drive == "sine"
+            else np.abs((2.0 * turns + 1.0) % 2.0 - 1.0)
+        )
+        blank = Measurement(time, 100.0 * wave, 100.0 * wave)
+        effect, own = self.hidden
+        values = {k: v for k, v in _TRUTH.items() if k in self.base.parameters}
+        values |= {f"{effect.name}.{k}": v for k, v in own.items()}
+        clean = simulate(self.base + effect, blank, values).reading
+        white = np.random.default_rng(0).normal(size=time.size)
+        return blank.with_(position=clean + self.noise * white)
+
+    @property
+    def base(self) -> Model:
+        """The model without what is hidden."""
+        return _MOVING if self.moving else _STILL
+
+
+CASES: Final[Mapping[str, Ambiguous]] = {
+    "lag": Ambiguous(
+        (AmplifierLag(), {"share": 1.0, "tau": 2e-3}), True, "sine", 5.0, 1e3, 2000, 5e-9
+    ),
+    "creep": Ambiguous(
+        (Creep(elements=1), {"c": 0.05, "tau": 6.0}), False, "triangle", 0.4, 200.0, 2000, 20e-9
+    ),
+    "stiffening": Ambiguous((CubicStiffness(), {"k3": 2e14}), True, "sine", 5.0, 1e3, 1000, 20e-9),
+    "bent gain": Ambiguous((NonlinearGain(), {"k2": 6e-11}), False, "sine", 2.0, 1e3, 1000, 20e-9),
+}
+"""By what is hidden."""
+
+
+@final
+@dataclass(frozen=True)
+class Resolved:
+    """What became of a group on the drive that was advised for it.
+
+    Attributes:
+        case: of :data:`CASES`.
+        group: names that the diagnosis could not tell apart.
         drive: in words.
         sigmas: that were promised.
+        here: sigmas between the two most alike on the record itself.
         plants: played.
         right: in which the model that is true fitted best.
     """
 
-    advice: str
+    case: str
+    group: tuple[str, ...]
     drive: str
     sigmas: float
+    here: float
     plants: int
     right: int
 
+    def __str__(self) -> str:
+        return (
+            f"{self.case}: {', '.join(self.group)}: {self.right} of {self.plants} plants resolved, "
+            f"{self.sigmas:.1f} sigmas promised ({self.here:.1f} on the record), by {self.drive}"
+        )
+
 
 def resolved(
-    plants: int = 100, *, progress: Callable[[str], None] | None = None
+    plants: int = 100,
+    *,
+    cases: Sequence[str] = tuple(CASES),
+    progress: Callable[[str], None] | None = None,
 ) -> tuple[Resolved, ...]:
-    """A lag and a delay, the same on a slow sine, on the drives advised for the two.
+    """Groups that a diagnosis names, on the drives that it advises for them.
 
-    Half of the plants have the one and half the other, with values that its fit to the sine thinks
-    possible. Each is played with noise; both models are fitted to sine and new record together.
+    In each plant one member of the group is true, each in turn, with values that its fit to the
+    record thinks possible. The advised drive is played on it with noise; the model of every member
+    is fitted to old and new record together.
 
     Args:
-        plants: in all.
+        plants: of each case.
+        cases: names of :data:`CASES`.
         progress: told where it is.
+
+    Raises:
+        InputError: there is no such case.
     """
-    base = PiezoGain() + BoucWen() + Offset()
-    models = {"amplifier_lag": base + AmplifierLag(), "delay": base + Delay()}
-    time = np.arange(1000) / _RATE
-    drive = 50.0 - 50.0 * np.cos(2.0 * np.pi * 2.0 * time)
-    record = Measurement(time, drive, drive)
-    clean = simulate(models["amplifier_lag"], record, _TRUTH).reading
-    noise = _NOISE * np.random.default_rng(0).normal(size=time.size)
-    record = record.with_(position=clean + noise)
-    fits = {name: solve(Identification(model, record)) for name, model in models.items()}
-    told = advise(solve(Identification(base, record)), [AmplifierLag(), Delay()], _NOISE)
-    made = best_between(fits, evaluations=40, slew=_SLEW)
-    found = []
-    for advice, volts, said, sigmas in (
-        ("diagnosis", told.drive.samples(_RATE)[1], told.drive.description, told.sigmas),
-        ("signals.best_between", made.drive.values, made.drive.description, made.sigmas),
-    ):
-        right = _right(fits, record, volts, plants, advice, progress or (lambda _: None))
-        found.append(Resolved(advice, said, sigmas, plants, right))
-    return tuple(found)
+    return tuple(_resolved(name, plants, progress or (lambda _: None)) for name in cases)
 
 
-def _right(
-    fits: dict[str, Fit],
-    record: Measurement,
-    volts: FloatArray,
-    plants: int,
-    advice: str,
-    tell: Callable[[str], None],
-) -> int:
-    rng = np.random.default_rng(3)
+def _resolved(name: str, plants: int, tell: Callable[[str], None]) -> Resolved:
+    if name not in CASES:
+        raise InputError(f"There is no case {name!r}: choose from {', '.join(CASES)}.")
+    case = CASES[name]
+    record = case.record()
+    tell(f"{name}, diagnosis")
+    found = diagnose(solve(Identification(case.base, record)))
+    step = next(s for s in found.steps if len(s.group) > 1)
+    advice = next(a for a in found.experiments if a.group == step.group)
+    fits = {n: converged(fit) for n, fit in step.alternatives.items()}
     right = 0
+    rng = np.random.default_rng(3)
     for number in range(plants):
-        true = list(fits)[number % len(fits)]
-        answer = Answer(fits[true], _RATE)
-        # The first of the draws is the fit itself: the second of each seed is another plant.
-        numbers = draws(answer, 2, number)[1]
-        clean = answer.sharp(volts, numbers)
-        reading = clean + _NOISE * rng.normal(size=volts.size)
-        new = answer.record(volts, reading).rename("new")
-        left = {
-            name: solve(Identification(fit.model, (record, new))).rms for name, fit in fits.items()
-        }
-        right += min(left, key=lambda name: left[name]) == true
-        tell(f"{advice}, plant {number + 1} of {plants}")
-    return right
+        tell(f"{name}, plant {number + 1} of {plants}")
+        true = step.group[number % len(fits)]
+        noise = case.noise * rng.normal(size=advice.drive.values.size)
+        left = _left(fits, true, advice, noise, number)
+        right += min(left, key=lambda member: left[member]) == true
+    return Resolved(
+        name, step.group, advice.drive.description, advice.sigmas, advice.here, plants, right
+    )
+
+
+def _left(
+    fits: Mapping[str, Fit], true: str, advice: Advice, noise: FloatArray, seed: int
+) -> dict[str, float]:
+    """Error of each member's fit to both records [m], where one of them is true."""
+    answer = Answer(fits[true], advice.drive.rate)
+    # The first of the draws is the fit itself: the second of each seed is another plant.
+    clean = answer.sharp(advice.drive.values, draws(answer, 2, seed)[1])
+    new = answer.record(advice.drive.values, clean + noise).rename("new")
+    left = {}
+    for name, fit in fits.items():
+        both = replace(fit.question, records=(*fit.records, new), start=None)
+        left[name] = solve(both, start=fit).rms
+    return left

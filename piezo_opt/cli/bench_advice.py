@@ -12,31 +12,32 @@ from piezo_opt.cli.telling import telling
 
 
 def advice(
-    plants: Annotated[int, typer.Option(min=2, metavar="N", help="Plants on each drive.")] = 100,
+    plants: Annotated[int, typer.Option(min=2, metavar="N", help="Plants of each case.")] = 100,
+    cases: Annotated[
+        str | None, typer.Option(metavar="A,B", help="Of lag, creep, stiffening, bent gain.")
+    ] = None,
     json: o.Json = None,
     overwrite: o.Overwrite = False,
 ) -> None:
-    """A lag and a delay that a record cannot tell apart, on the drives advised for them.
+    """Groups that a diagnosis cannot tell apart, on the drives that it advises for them.
 
     \b
     Example:
-      piezo-opt bench advice --plants 20
+      piezo-opt bench advice --plants 20 --cases lag,creep
     """
     from dataclasses import asdict
 
-    from piezo_opt.benchmark.advised import resolved
+    from piezo_opt.benchmark.advised import CASES, resolved
 
     outputs.check({"--json": json}, overwrite=overwrite)
+    chosen = tuple(CASES) if cases is None else tuple(c.strip() for c in cases.split(","))
     with telling("Plants") as tell:
-        found = resolved(plants, progress=tell)
+        found = resolved(plants, cases=chosen, progress=tell)
     for one in found:
-        typer.echo(
-            f"{one.advice}: {one.right} of {one.plants} plants resolved, {one.sigmas:.1f} sigmas "
-            f"promised, by {one.drive}"
-        )
+        typer.echo(str(one))
     if json is not None:
         outputs.write_json(
             json,
-            {"schema": "piezo_opt/bench-advice/1", "drives": [asdict(one) for one in found]},
+            {"schema": "piezo_opt/bench-advice/2", "cases": [asdict(one) for one in found]},
             overwrite=overwrite,
         )

@@ -261,7 +261,7 @@ def chirp(
 class Which(Enum):
     """Harmonics of a multisine."""
 
-    FULL, ODD, ODD_DETECTION = "full", "odd", "odd-detection"
+    FULL, ODD, ODD_DETECTION, LOGARITHMIC = "full", "odd", "odd-detection", "logarithmic"
 
 
 @signal.command()

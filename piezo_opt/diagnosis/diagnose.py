@@ -157,7 +157,7 @@ class Diagnosis:
         sentences += [experiment.sentence for experiment in self.experiments]
         if self.invisible:
             sentences.append(
-                f"None of the candidate drives would show {', '.join(self.invisible)} of a usual "
+                f"No usual drive would show {', '.join(self.invisible)} of a usual "
                 "size: change the set-up (load, sensor, temperature) from one record to the next."
             )
         if not self.noise.measured:
@@ -435,9 +435,8 @@ def _with_experiments(
     if hidden or any(len(s.group) > 1 for s in found.steps):
         tell("comparing drives for the next experiment")
     planned, invisible = experiments(
-        found.fit, found.steps, found.final, offered, found.noise.rms, hidden=hidden,
-        threads=threads,
-    )  # fmt: skip
+        found.steps, found.final, offered, found.noise.rms, hidden=hidden, threads=threads
+    )
     return replace(found, experiments=planned, invisible=invisible)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -26,7 +26,8 @@ class Step:
     Attributes:
         name: the effect.
         effect: the object that was added.
-        group: names that this record cannot tell it from, itself included.
+        alternatives: fits with each effect that this record cannot tell it from in its place, its
+            own fit first.
         rms_before, rms_after: error on the fitted records [m].
         held_out_before, held_out_after: error on what is held out [m].
         delta_bic: by how much the criterion fell.
@@ -36,7 +37,7 @@ class Step:
 
     name: str
     effect: Effect
-    group: tuple[str, ...]
+    alternatives: Mapping[str, Fit]
     rms_before: float
     rms_after: float
     held_out_before: float | None
@@ -44,6 +45,11 @@ class Step:
     delta_bic: float
     p_value: float
     fit: Fit
+
+    @property
+    def group(self) -> tuple[str, ...]:
+        """Names that this record cannot tell it from, itself first."""
+        return tuple(self.alternatives)
 
 
 @final
@@ -238,7 +244,8 @@ def _steps(
         p_value = min((s.p_value for s in suspects if s.name == effect.name), default=1.0)
         found.append(
             Step(
-                name=effect.name, effect=effect, group=_group(book, best, effect.name, least),
+                name=effect.name, effect=effect,
+                alternatives=_alternatives(book, best, effect.name, least),
                 rms_before=before.rms, rms_after=after.rms, held_out_before=judge.error(before),
                 held_out_after=judge.error(after), delta_bic=book.price(below) - book.price(more),
                 p_value=p_value, fit=with_statistics(after),
@@ -248,8 +255,8 @@ def _steps(
     return tuple(found)
 
 
-def _group(book: Book, best: Members, name: str, least: float) -> tuple[str, ...]:
-    """An effect and those in whose place it is not resolved, itself first.
+def _alternatives(book: Book, best: Members, name: str, least: float) -> dict[str, Fit]:
+    """Fits with an effect and with those in whose place it is not resolved, its own first.
 
     Not resolved is an exchange that costs less than the criterion can resolve, or one that leaves
     more by less than is worth a name, of what is left and of what the effect explains.
@@ -258,7 +265,7 @@ def _group(book: Book, best: Members, name: str, least: float) -> tuple[str, ...
     fit, below = book[best], best.without(name)
     left = remaining(fit, book.colour)
     explained = remaining(book[below], book.colour) - left if below in book else left
-    found = [name]
+    found = {name: book.settled(best)}
     for members in book.sets:
         others = [n for n in members.names if n not in rest]
         if len(others) != 1 or set(members.names) != rest | set(others) or others[0] in found:
@@ -266,8 +273,8 @@ def _group(book: Book, best: Members, name: str, least: float) -> tuple[str, ...
         even = book.price(members) - book.price(best) < RESOLUTION
         behind = remaining(book[members], book.colour) - left
         if even or behind < least**2 * min(left, explained):
-            found.append(others[0])
-    return tuple(found)
+            found[others[0]] = book[members]
+    return found
 
 
 def _refined(book: Book, best: Members) -> tuple[str, ...]:

@@ -291,10 +291,9 @@ def to_play(advice: Advice) -> Figure:
     """The drive that is worth playing next."""
     with styled():
         made, (axis,) = figure(height=2.3)
-        time, voltage = advice.drive.samples(advice.rate)
-        seconds, time_unit = clock(time)
-        time, voltage = thinned(MOST_POINTS, time, voltage)
-        axis.plot(seconds * time, voltage, color=GREY, linewidth=1.0)
+        seconds, time_unit = clock(advice.drive.time)
+        time, values = thinned(MOST_POINTS, advice.drive.time, advice.drive.values)
+        axis.plot(seconds * time, values, color=GREY, linewidth=1.0)
         axis.set_xlabel(labelled("time", time_unit))
         axis.set_ylabel(labelled("drive", advice.drive.unit))
         axis.set_title(advice.drive.description[:1].upper() + advice.drive.description[1:])

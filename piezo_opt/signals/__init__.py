@@ -11,7 +11,8 @@ from piezo_opt.signals.drive import Drive
 from piezo_opt.signals.families import FAMILIES, Corners, Family, Mixed, Tones
 from piezo_opt.signals.limits import DriveLimits, predicted, within
 from piezo_opt.signals.loops import decaying_triangles, square, staircase, triangle
-from piezo_opt.signals.tones import Lines, Phases, chirp, multisine
+from piezo_opt.signals.tones import Lines, Phases, chirp, multisine, sine
+from piezo_opt.signals.usual import usual
 
 __all__ = [
     "FAMILIES",
@@ -32,9 +33,11 @@ __all__ = [
     "decaying_triangles",
     "multisine",
     "predicted",
+    "sine",
     "square",
     "staircase",
     "triangle",
+    "usual",
     "within",
     "write_arduino",
 ]

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.identification import Fit, Start
+from piezo_opt.identification.monitor import Monitor
+from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.problem import plain
-from piezo_opt.identification.unknowns import unknowns
+from piezo_opt.identification.unknowns import theta_of, unknowns
 from piezo_opt.measurement import Between, Measurement
 from piezo_opt.simulation import INITIAL, Initial, Simulator, Substeps
 from piezo_opt.simulation.accuracy import DIVERGED
@@ -20,11 +22,14 @@ from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
 
-_ROUGH: Final = 1e-4
+ROUGH: Final = 1e-4
 """Error of the scheme during a search, as a share of the reading's range."""
 
 _UNSEEN: Final = 0.5
 """Relative standard deviation above which a combination of parameters counts as not seen."""
+
+_HALVINGS: Final = 20
+"""Halvings of a step after which the fit's own values are taken: a millionth of it."""
 
 
 @final
@@ -105,10 +110,16 @@ class Answer:
             allow_saturated=True,
         )
 
-    def settle(self, values: FloatArray) -> None:
-        """Choose the sub-steps of a search on one drive; later ones are simulated alike."""
+    def settle(self, values: FloatArray, error: float = ROUGH) -> Substeps:
+        """Choose the sub-steps on one drive; later ones are simulated alike.
+
+        Args:
+            values: the drive (N,) [unit].
+            error: of the scheme, as a share of the reading's range; as in a search unless given.
+        """
         simulator = self._simulator(values, self.numbers, None)
-        self._substeps = simulator.choose(self.numbers, _ROUGH).substeps
+        self._substeps = simulator.choose(self.numbers, error).substeps
+        return self._substeps
 
     def reading(self, values: FloatArray, numbers: Mapping[str, float] | None = None) -> FloatArray:
         """(N,) [m] from rest, at the fit's own values unless others are given."""
@@ -148,9 +159,11 @@ class Answer:
 def draws(answer: Answer, count: int, seed: int) -> tuple[dict[str, float], ...]:
     """Values that the fit thinks possible: its own, then pairs on either side of it.
 
-    Drawn from the fit's normal distribution cut off at two standard deviations, within bounds.
-    Unknowns at a bound stay there, and so do combinations that the record does not see (a relative
-    deviation above one half), along which a straight step leads out of what the record says.
+    Drawn from the fit's normal distribution, that of starts included, cut off at two standard
+    deviations, within bounds. Unknowns at a bound stay there, and so do combinations that the
+    records do not see (a relative deviation above one half), along which a straight step leads out
+    of what they say. A step that leads out of it all the same, by more than a straight model's two
+    deviations in every direction, is halved until it does not.
 
     Args:
         answer: of the fit.
@@ -158,28 +171,33 @@ def draws(answer: Answer, count: int, seed: int) -> tuple[dict[str, float], ...]
         seed: of the random directions.
     """
     fit, found = answer.fit, [dict[str, float]()]
-    local = [plain(n) for n in fit.names]
-    used = [
-        k for k, n in enumerate(local)
-        if n in answer.parameters and np.isfinite(fit.covariance[k, k])
-        and fit.names[k] in (n, f"{n}[0]")
-    ]  # fmt: skip
-    if not used:
+    unknown = unknowns(fit.question, fit.values)
+    used = np.flatnonzero(np.isfinite(np.diag(fit.covariance)))
+    if count < 2 or not used.size:
         return tuple(found)
-    places = [answer.names.index(local[k]) for k in used]
-    names = [local[k] for k in used]
-    centre = np.array([answer.numbers[n] for n in names])
-    size = np.where(
-        np.abs(centre) > 1e-3 * answer.scale[places], np.abs(centre), answer.scale[places]
-    )
+    centre, scale = theta_of(unknown, fit.values), unknown.scale[used]
+    own = np.abs(centre[used])
+    known = np.array([fit.names[k] in fit.model.parameters for k in used])
+    size = np.where(known & (own > 1e-3 * scale), own, scale)
     block = fit.covariance[np.ix_(used, used)] / np.outer(size, size)
     variance, vectors = np.linalg.eigh(block)
     std = np.sqrt(np.maximum(variance, 0.0))
     root = size[:, None] * vectors * np.where(std < _UNSEEN, std, 0.0)
+    objective = Objective(fit.question, unknown, centre, Monitor(fit.names), accuracy=fit.accuracy)
+    before = np.concatenate(objective.readings(centre))
+    most = 4.0 * used.size * fit.rms**2
+    named = {k: plain(n) for k, n in enumerate(fit.names) if n in (plain(n), f"{plain(n)}[0]")}
     rng = np.random.default_rng(seed)
     while len(found) < count:
-        step = root @ np.clip(rng.normal(size=len(used)), -2.0, 2.0)
+        step = np.zeros(centre.size)
+        step[used] = root @ np.clip(rng.normal(size=used.size), -2.0, 2.0)
         for way in (1.0, -1.0):
-            moved = np.clip(centre + way * step, answer.low[places], answer.high[places])
-            found.append(dict(zip(names, moved.tolist(), strict=True)))
+            for share in 0.5 ** np.arange(_HALVINGS):
+                moved = unknown.clip(centre + way * share * step)
+                change = np.concatenate(objective.readings(moved)) - before
+                if float(change @ change) <= most:
+                    break
+            else:
+                moved = centre
+            found.append({n: float(moved[k]) for k, n in named.items() if n in answer.parameters})
     return tuple(found[:count])

@@ -14,8 +14,16 @@ from piezo_opt.signals.answer import Answer, draws
 from piezo_opt.signals.drive import Drive, FloatArray
 from piezo_opt.signals.families import FAMILIES, Family
 from piezo_opt.signals.information import deviations, log_determinant
-from piezo_opt.signals.planning import excess, noise_of, room_of, slow_triangle, stroke_of
+from piezo_opt.signals.planning import (
+    excess,
+    noise_of,
+    resonance_of,
+    room_of,
+    slow_triangle,
+    stroke_of,
+)
 from piezo_opt.signals.search import FORBIDDEN, search
+from piezo_opt.signals.usual import usual
 from piezo_opt.units import show
 
 
@@ -116,8 +124,8 @@ def best_for(
 
         mean over draws of log det (J_1' (1 - P_2) J_1),   P_2 onto the columns of everything else
 
-    J holds exact derivatives of the reading. Levels, times and holds, or frequencies, amplitudes
-    and phases are free, within range and slew rate.
+    J holds exact derivatives of the reading. The usual drives are judged, and drives whose levels,
+    times and holds, or frequencies, amplitudes and phases are free, within range and slew rate.
 
     Args:
         fit: the model and how well it is known now.
@@ -131,7 +139,7 @@ def best_for(
             range reaches without damping: once the slow stroke beyond either end.
         families: where to look.
         possible: values that are averaged over, the fit's own among them.
-        evaluations: drives judged in each family.
+        evaluations: drives judged in each family; only the usual ones where that is zero.
         seed: of the search.
 
     Raises:
@@ -166,21 +174,21 @@ def best_for(
                 return None
         return float(np.mean(told))
 
-    found = search(families, room, merit, evaluations=evaluations, seed=seed)
+    found = search(
+        families, room, merit, offered=usual(room, resonance_of(fit)), evaluations=evaluations,
+        seed=seed,
+    )  # fmt: skip
     if not found:
         raise InputError("the fitted model cannot be simulated on any drive of this range")
-    best = found[0]
-    answer.settle(best.values)
-    after = [deviations(answer, best.values, wanted, sigma, numbers) for numbers in cases]
+    drive = found[0].drive
+    answer.settle(drive.values)
+    after = [deviations(answer, drive.values, wanted, sigma, numbers) for numbers in cases]
     told = [one for one in after if one is not None]
     plain = deviations(answer, reference.values, wanted, sigma)
     if after[0] is None or plain is None:
         raise InputError("the fitted model cannot be simulated on any drive of this range")
     return BestDrive(
-        drive=Drive(
-            f"best_{best.family.name.replace(' ', '_')}",
-            best.family.said(best.at, room), best.values, room.rate, room.unit,
-        ),
+        drive=drive,
         parameters=wanted,
         expected=after[0],
         of_triangle=plain,

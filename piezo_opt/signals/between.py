@@ -3,30 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import permutations
-from typing import Any, Final, TypeAlias, final
+from dataclasses import dataclass
+from typing import Any, Final, final
 
 import numpy as np
 
 from piezo_opt.errors import InputError
-from piezo_opt.identification import Fit, Start, solve
-from piezo_opt.identification.problem import plain
-from piezo_opt.identification.tall import triangle
-from piezo_opt.signals.answer import Answer, draws
+from piezo_opt.identification import Fit
 from piezo_opt.signals.drive import Drive, FloatArray
 from piezo_opt.signals.families import FAMILIES, Family
-from piezo_opt.signals.planning import excess, noise_of, room_of, slow_triangle, stroke_of
+from piezo_opt.signals.planning import (
+    excess,
+    noise_of,
+    resonance_of,
+    room_of,
+    slow_triangle,
+    stroke_of,
+)
+from piezo_opt.signals.rivals import Rival, apart, confirmed
 from piezo_opt.signals.search import FORBIDDEN, search
+from piezo_opt.signals.usual import usual
 
 SURE: Final = 5.0
 """Sigmas from which two models are told apart: the wrong one then fits better once in 160 cases,
 as the difference of their sums of squares is normal with mean d^2 and deviation 2 d."""
 
-_STEPS: Final = 2
-"""Gauss-Newton steps of a rival in the search: the first may lead far, the second sees how far."""
-_RANK: Final = 1e-9
-"""Share of the largest singular value below which a direction is left alone."""
+_CONFIRMED: Final = 3
+"""Best drives by steps that are judged by whole fits."""
 
 
 @final
@@ -103,8 +106,8 @@ def best_between(
 
     The rival's parameters may follow as far as its own fit lets them (W' W is the inverse of its
     covariance), its unknown start and per-record parameters as far as they like. During the search
-    the minimum is that of Gauss-Newton steps with exact derivatives. The best of each family is
-    then judged by a whole fit of each rival to the old records and the true model's new reading:
+    the minimum is that of Gauss-Newton steps with exact derivatives. The best three drives are then
+    judged by whole fits of the nearest rivals to the old records and the true model's new reading:
 
         d^2 = (misfit of that fit - misfit of its fit to the old records) / sigma^2
 
@@ -118,7 +121,7 @@ def best_between(
         stroke: positions that the fits may predict [m]; as for :func:`best_for`.
         families: where to look.
         possible: values of each true model that are considered, the fit's own among them.
-        evaluations: drives judged in each family.
+        evaluations: drives judged in each family; only the usual ones where that is zero.
         seed: of the search.
 
     Raises:
@@ -141,30 +144,29 @@ def best_between(
     for rival in rivals.values():
         rival.answer.settle(plain_drive)
 
-    allowed = [stroke_of(rival.answer, plain_drive, stroke) for rival in rivals.values()]
+    allowed = {n: stroke_of(rival.answer, plain_drive, stroke) for n, rival in rivals.items()}
 
     def merit(values: FloatArray) -> float | None:
-        for rival, positions in zip(rivals.values(), allowed, strict=True):
-            told = rival.answer.derivatives(values)
-            if told is None:
-                return None
-            beyond = excess(told[0], positions)
-            if beyond > 0.0:
-                return FORBIDDEN * (1.0 + beyond)
-        distance = apart(rivals, values, sigma)
-        return None if distance is None else distance[0]
+        truths = {name: rival.truths(values) for name, rival in rivals.items()}
+        if not all(truths.values()):
+            return None
+        beyond = max(excess(told[0], allowed[name]) for name, told in truths.items())
+        if beyond > 0.0:
+            return FORBIDDEN * (1.0 + beyond)
+        distances = apart(rivals, values, sigma, truths)
+        return None if distances is None else min(distances.values())
 
-    found = search(families, room, merit, evaluations=evaluations, seed=seed)
+    found = search(
+        families, room, merit, offered=usual(room, resonance_of(first)), evaluations=evaluations,
+        seed=seed,
+    )  # fmt: skip
     if not found:
         raise InputError("the fitted models cannot be simulated on any drive of this range")
-    judged = [(one, confirmed(rivals, one.values, sigma)) for one in found]
+    judged = [(one.drive, confirmed(rivals, one.drive.values, sigma)) for one in found[:_CONFIRMED]]
     best, told = max(judged, key=lambda pair: pair[1][0])
     of_triangle = confirmed(rivals, plain_drive, sigma)
     return DriveBetween(
-        drive=Drive(
-            f"between_{best.family.name.replace(' ', '_')}",
-            best.family.said(best.at, room), best.values, room.rate, room.unit,
-        ),
+        drive=best,
         models=tuple(named),
         sigmas=told[0],
         closest=told[1],
@@ -172,120 +174,6 @@ def best_between(
         noise=sigma,
         evaluations=sum(f.evaluations for f in found),
     )  # fmt: skip
-
-
-@final
-class Rival:
-    """One of the models: what it reads where it is true, and how far it may follow where not."""
-
-    def __init__(self, fit: Fit, rate: float, possible: int, seed: int) -> None:
-        self.answer = Answer(fit, rate)
-        self.cases = draws(self.answer, possible, seed)
-        self._tied = _tied(self.answer)
-
-    def truths(self, values: FloatArray) -> list[FloatArray]:
-        """Readings (N,) [m] of the cases that can be simulated."""
-        told = (self.answer.derivatives(values, numbers) for numbers in self.cases)
-        return [one[0] for one in told if one is not None]
-
-    def distance(self, values: FloatArray, wanted: FloatArray, noise: float) -> float | None:
-        """How far this model stays from a reading (N,) after Gauss-Newton steps, in sigmas.
-
-        None where it cannot be simulated.
-        """
-        answer = self.answer
-        moved = np.zeros(len(answer.names))
-        start = np.array([answer.numbers.get(n, 0.0) for n in answer.names])
-        rest = np.inf
-        for _ in range(_STEPS):
-            at = np.clip(start + answer.scale * moved, answer.low, answer.high)
-            moved = (at - start) / answer.scale
-            told = answer.derivatives(values, dict(zip(answer.names, at.tolist(), strict=True)))
-            if told is None:
-                # A step led too far: what is known from before it stands.
-                return rest if np.isfinite(rest) else None
-            gap = np.concatenate([(wanted - told[0]) / noise, -self._tied @ moved])
-            root = triangle(np.column_stack([np.vstack([told[1] / noise, self._tied]), gap]))
-            inner, right = root[:-1, :-1], root[:-1, -1]
-            step, *_ = np.linalg.lstsq(inner, right, rcond=_RANK)
-            left = float(np.hypot(np.linalg.norm(right - inner @ step), root[-1, -1]))
-            rest, moved = left, moved + step
-        return rest
-
-    def refitted(self, values: FloatArray, wanted: FloatArray, noise: float) -> float:
-        """The same by a whole fit to the old records and this reading together."""
-        fit = self.answer.fit
-        record = self.answer.record(values, wanted).rename("to come")
-        question = fit.question
-        weights = (*question.weights, 1.0) if question.weights else ()
-        start = None if question.start is Start.PERIODIC else question.start
-        both = replace(question, records=(*fit.records, record), weights=weights, start=start)
-        again = solve(both, start=fit)
-        before = float(np.sum(np.square(fit.residuals)))
-        more = float(np.sum(np.square(again.residuals))) - before
-        return float(np.sqrt(max(0.0, more))) / noise
-
-
-Told: TypeAlias = tuple[float, tuple[str, str]]
-"""The smallest distance, and between which two: the one that is true first."""
-
-
-def apart(rivals: Mapping[str, Rival], values: FloatArray, noise: float) -> Told | None:
-    """Smallest distance of a drive (N,) in sigmas by Gauss-Newton steps.
-
-    None where one of the models cannot be simulated.
-    """
-    truths = {name: rival.truths(values) for name, rival in rivals.items()}
-    if not all(truths.values()):
-        return None
-    least: Told | None = None
-    for true, other in permutations(rivals, 2):
-        for wanted in truths[true]:
-            far = rivals[other].distance(values, wanted, noise)
-            if far is None:
-                return None
-            if least is None or far < least[0]:
-                least = far, (true, other)
-    return least
-
-
-def confirmed(rivals: Mapping[str, Rival], values: FloatArray, noise: float) -> Told:
-    """The same by whole fits; the true model at its own fit."""
-    told = []
-    for true, other in permutations(rivals, 2):
-        wanted = rivals[true].answer.sharp(values)
-        told.append((rivals[other].refitted(values, wanted, noise), (true, other)))
-    return min(told, key=lambda one: one[0])
-
-
-def _tied(answer: Answer) -> FloatArray:
-    """(m, k) root of the inverse covariance of the parameters that the fit knows, scaled.
-
-    Unknowns at a bound are tied to it; the start of the new record is free.
-    """
-    fit, k = answer.fit, len(answer.names)
-    local = [plain(n) for n in fit.names]
-    known = [
-        i for i, n in enumerate(local)
-        if n in answer.parameters and fit.names[i] in (n, f"{n}[0]")
-        and np.isfinite(fit.covariance[i, i])
-    ]  # fmt: skip
-    rows = np.zeros((0, k))
-    if known:
-        places = [answer.names.index(local[i]) for i in known]
-        scale = answer.scale[places]
-        block = fit.covariance[np.ix_(known, known)] / np.outer(scale, scale)
-        variance, vectors = np.linalg.eigh(block)
-        usable = variance > 1e-14 * variance.max()
-        rows = np.zeros((int(usable.sum()), k))
-        rows[:, places] = vectors[:, usable].T / np.sqrt(variance[usable])[:, None]
-    loose = {local[i] for i in known}
-    stuck = [p for p in answer.parameters if p not in loose and p in local]
-    for name in stuck:
-        row = np.zeros((1, k))
-        row[0, answer.names.index(name)] = 1e6
-        rows = np.vstack([rows, row])
-    return rows
 
 
 def _named(fits: Sequence[Fit]) -> dict[str, Fit]:

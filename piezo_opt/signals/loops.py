@@ -8,6 +8,7 @@ import numpy as np
 
 from piezo_opt.errors import InputError
 from piezo_opt.signals.drive import Drive, check_range, sampled
+from piezo_opt.units import show
 
 
 def triangle(
@@ -70,7 +71,7 @@ def square(
     is_high = phase >= 1.0 - duty
     return Drive(
         f"square_{frequency:.3g}_Hz",
-        f"square {low:g}/{high:g} {unit}, {frequency:g} Hz, {100.0 * duty:g} % high",
+        f"square {low:.4g}/{high:.4g} {unit}, {frequency:.4g} Hz, {100.0 * duty:g} % high",
         np.where(is_high, high, low),
         rate,
         unit,
@@ -92,10 +93,10 @@ def staircase(levels: Sequence[float], hold: float, *, rate: float, unit: str = 
         raise InputError(
             f"staircase: a hold of {hold:g} s is shorter than a sample: raise the rate"
         )
-    shown = ", ".join(f"{level:g}" for level in levels)
+    shown = ", ".join(f"{level:.4g}" for level in levels)
     return Drive(
         f"staircase_{len(levels)}_levels",
-        f"staircase {shown} {unit}, {hold:g} s each",
+        f"staircase {shown} {unit}, {show(hold, 's')} each",
         np.repeat(np.asarray(levels, dtype=np.float64), each),
         rate,
         unit,
@@ -162,8 +163,9 @@ def decaying_triangles(
     time = sampled(at[-1], rate, "decaying triangles")
     return Drive(
         f"decaying_{count}_triangles",
-        f"{count} triangles from {low:g} {unit}, tops falling from {high:g} {unit}, {minor} minor "
-        f"loops each, {frequency:g} Hz",
+        f"{count} triangles from {low:.4g} {unit}, tops falling from {high:.4g} {unit}, {minor} "
+        f"minor loops each, {frequency:.4g} Hz"
+        + (f", holds of {show(hold, 's')}" if hold > 0.0 else ""),
         low + (high - low) * np.interp(time, at, level),
         rate,
         unit,

@@ -36,6 +36,17 @@ def room_of(
     )
 
 
+def resonance_of(fit: Fit) -> float | None:
+    """Lowest natural frequency of the model [Hz]."""
+    found = [
+        fit.values[f"{name}.{own}"] / (2.0 * np.pi)
+        for name, effect in fit.model
+        for own, p in effect.parameters.items()
+        if effect.structural and p.unit == "rad/s" and f"{name}.{own}" in fit.values
+    ]
+    return min(found, default=None)
+
+
 def noise_of(fit: Fit, noise: float | None) -> float:
     """The noise given, or the fit's residual [m].
 

@@ -1,4 +1,4 @@
-"""The search for the best member of several families."""
+"""The search for the best drive among those made by rule and the members of several families."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any, Final, final
 
 import numpy as np
 
+from piezo_opt.signals.drive import Drive
 from piezo_opt.signals.families import Family, FloatArray, Room
 
 _FIRST: Final = 0.2
@@ -22,18 +23,15 @@ logarithms or sigmas, far above it."""
 @final
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The best member of a family.
+    """A drive made by rule, or the best member of a family.
 
     Attributes:
-        family, at: which it is.
-        values: (N,) the drive [unit].
-        merit: what was maximised.
-        evaluations: members judged.
+        drive: what to play.
+        merit: what is maximised.
+        evaluations: drives that were judged for it.
     """
 
-    family: Family
-    at: FloatArray
-    values: FloatArray
+    drive: Drive
     merit: float
     evaluations: int
 
@@ -43,24 +41,31 @@ def search(
     room: Room,
     merit: Callable[[FloatArray], float | None],
     *,
+    offered: Sequence[Drive] = (),
     evaluations: int,
     seed: int,
 ) -> tuple[Found, ...]:
-    """The best member of each family, best first; families that cannot be judged are left out.
+    """Drives made by rule and the best member of each family, best first.
 
-    All starts of a family are judged, and the better one is refined by CMA-ES.
+    What cannot be judged is left out. All starts of a family are judged, and the better one is
+    refined by CMA-ES.
 
     Args:
         families: where to look.
         room: what a drive may use.
         merit: of a drive (N,), larger is better; None where it cannot be judged.
-        evaluations: members judged in each family.
+        offered: drives made by rule.
+        evaluations: members judged in each family; none where that is zero.
         seed: of the search.
 
     Source: Hansen & Ostermeier (2001), Evol. Comput. 9(2), 159-195.
     """
-    found = [_refined(one, room, merit, evaluations, seed) for one in families]
-    return tuple(sorted((f for f in found if f is not None), key=lambda f: -f.merit))
+    by_rule = [(drive, merit(drive.values)) for drive in offered]
+    found = [Found(drive, got, 1) for drive, got in by_rule if got is not None and got > FORBIDDEN]
+    if evaluations > 0:
+        refined = (_refined(one, room, merit, evaluations, seed) for one in families)
+        found += [one for one in refined if one is not None]
+    return tuple(sorted(found, key=lambda f: -f.merit))
 
 
 def _refined(
@@ -109,4 +114,8 @@ def _refined(
     value, at = best
     if value <= FORBIDDEN:
         return None
-    return Found(family, at, room.scaled(family.wave(at, room)), value, count)
+    drive = Drive(
+        f"best_{family.name.replace(' ', '_')}", family.said(at, room),
+        room.scaled(family.wave(at, room)), room.rate, room.unit,
+    )  # fmt: skip
+    return Found(drive, value, count)

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from enum import Enum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.errors import InputError
 from piezo_opt.signals.drive import Drive, check_range, sampled
+from piezo_opt.units import show
 
 FloatArray = NDArray[np.float64]
+
+_A_DECADE: Final = 12
+"""Logarithmic lines in a decade: neighbours differ by a fifth, less than a resonance is wide at
+ten per cent of damping."""
 
 
 class Lines(Enum):
@@ -22,6 +28,8 @@ class Lines(Enum):
     """Odd ones: even distortion answers on the lines between."""
     ODD_DETECTION = "odd-detection"
     """Odd ones, one of each three left out at random: odd distortion answers there."""
+    LOGARITHMIC = "logarithmic"
+    """As many in each decade: slow and fast alike get their share of the power."""
 
 
 class Phases(Enum):
@@ -31,6 +39,26 @@ class Phases(Enum):
     """Independent and even over a turn: many realisations average distortion out."""
     SCHROEDER = "schroeder"
     """phi_k = -pi k (k - 1) / K: a flat envelope, more power in the same range."""
+
+
+def sine(
+    low: float, high: float, frequency: float, duration: float, *, rate: float, unit: str = "V"
+) -> Drive:
+    """A sine of one frequency [Hz], from its lowest point, for a time [s].
+
+    Raises:
+        InputError: a frequency that is not positive, or above half the rate.
+    """
+    check_range(low, high, "sine")
+    _check_band(frequency, frequency, rate, "sine")
+    phase = 2.0 * np.pi * frequency * sampled(duration, rate, "sine")
+    return Drive(
+        f"sine_{frequency:.3g}_Hz_{low:.3g}_{high:.3g}_{unit}".replace("/", "_per_"),
+        f"sine {low:.3g}..{high:.3g} {unit}, {frequency:.3g} Hz, {show(duration, 's')}",
+        low + (high - low) * (0.5 - 0.5 * np.cos(phase)),
+        rate,
+        unit,
+    )
 
 
 def chirp(
@@ -62,8 +90,8 @@ def chirp(
         phase = 2.0 * np.pi * (start + 0.5 * (stop - start) * time / duration) * time
     return Drive(
         f"chirp_{start:.3g}_{stop:.3g}_Hz",
-        f"chirp {low:g}..{high:g} {unit}, {start:g} to {stop:g} Hz, "
-        f"{'logarithmic' if logarithmic else 'linear'}, {duration:g} s",
+        f"chirp {low:.4g}..{high:.4g} {unit}, {start:.4g} to {stop:.4g} Hz, "
+        f"{'logarithmic' if logarithmic else 'linear'}, {duration:.4g} s",
         low + (high - low) * (0.5 - 0.5 * np.cos(phase)),
         rate,
         unit,
@@ -120,7 +148,11 @@ def multisine(
     band = np.arange(max(1, first), last + 1)
     # Half the rate carries no sine.
     band = band[2 * band < count]
-    excited = band if lines is Lines.FULL else band[band % 2 == 1]
+    if lines is Lines.LOGARITHMIC and band.size:
+        number = 1 + round(_A_DECADE * float(np.log10(band[-1] / band[0])))
+        excited = np.unique(np.round(np.geomspace(band[0], band[-1], number)).astype(np.int64))
+    else:
+        excited = band if lines is Lines.FULL else band[band % 2 == 1]
     if lines is Lines.ODD_DETECTION:
         kept = np.ones(excited.size, dtype=bool)
         for begin in range(0, excited.size - excited.size % 3, 3):
@@ -144,8 +176,8 @@ def multisine(
     silent = np.setdiff1d(band, excited)
     drive = Drive(
         f"multisine_{lowest:.3g}_{highest:.3g}_Hz",
-        f"multisine {low:g}..{high:g} {unit}, {excited.size} {lines.value} lines from {lowest:g} "
-        f"to {highest:g} Hz, {phases.value} phases"
+        f"multisine {low:.4g}..{high:.4g} {unit}, {excited.size} {lines.value} lines from "
+        f"{lowest:.4g} to {highest:.4g} Hz, {phases.value} phases"
         + (f", seed {seed}" if phases is Phases.RANDOM or lines is Lines.ODD_DETECTION else ""),
         values,
         rate,

@@ -89,10 +89,12 @@ def planned(experiments: Sequence[Advice], never: Sequence[str]) -> Planned:
     with TemporaryDirectory() as folder:
         for one in experiments:
             file = Path(folder) / "drive.csv"
-            one.drive.write(file, one.rate, overwrite=True)
-            time, drive = one.drive.samples(one.rate)
+            drive = one.drive
+            drive.write(file, overwrite=True)
             text = file.read_text(encoding="utf-8")
-            drives.append(Drive(one.drive.name, one.sentence, one.drive.unit, time, drive, text))
+            drives.append(
+                Drive(drive.name, one.sentence, drive.unit, drive.time, drive.values, text)
+            )
     return Planned(tuple(drives), tuple(never))
 
 

@@ -325,7 +325,7 @@ def _next(fit: Fit, send: Callable[[Message], None]) -> None:
     noise = diagnose(fit, ladder=False).noise.rms
     offered = [e for kind in CATALOGUE.values() if not kind.structural for e in kind.entries()]
     send("comparing drives")
-    send(planned(*experiments(fit, (), fit, offered, noise, hidden=True)))
+    send(planned(*experiments((), fit, offered, noise, hidden=True)))
 
 
 def _report(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import piezo_opt as po
-from piezo_opt.effects import BoucWen, Offset, PiezoGain, SecondOrder
+from piezo_opt.effects import BoucWen, DeadZone, Offset, PiezoGain, SecondOrder
 from piezo_opt.errors import InputError
 from piezo_opt.signals import Corners, Mixed, Tones, best_for
 from piezo_opt.signals.answer import Answer, draws
@@ -114,13 +114,31 @@ def test_draws_are_what_the_fit_thinks_possible(loop: po.Fit) -> None:
     for name in ("bouc_wen.beta", "second_order.omega"):
         values = np.array([one[name] for one in many[1:]])
         assert values.mean() == pytest.approx(loop.values[name], rel=1e-9)
-        # Cut off at two deviations, a normal distribution keeps 0.88 of its own.
-        assert 0.8 * loop.std[name] < values.std() < loop.std[name]
+        # Clipped at two deviations, a normal distribution keeps 0.96 of its own.
+        assert values.std() == pytest.approx(0.96 * loop.std[name], rel=0.1)
     together = np.array([[one["piezo_gain.d"], one["bouc_wen.alpha"]] for one in many[1:]])
     expected = loop.correlation[
         loop.names.index("piezo_gain.d"), loop.names.index("bouc_wen.alpha")
     ]
     assert np.corrcoef(together.T)[0, 1] == pytest.approx(expected, abs=0.15)
+
+
+def test_draws_are_values_that_the_record_allows() -> None:
+    """Width and share of a dead zone are known together, along a curve: straight steps leave it."""
+    time = np.arange(800) / 200.0
+    drive = 40.0 - 40.0 * np.cos(2.0 * np.pi * time)
+    record, model = po.Measurement(time, drive, drive), PiezoGain() + Offset() + DeadZone()
+    truth = {
+        "piezo_gain.d": 1e-7, "offset.y0": 0.0, "dead_zone.share": 1.0, "dead_zone.width": 1.0,
+    }  # fmt: skip
+    clean = po.simulate(model, record, truth).reading
+    noise = NOISE * np.random.default_rng(0).normal(size=time.size)
+    record = record.with_(position=clean + noise)
+    fit = po.solve(po.Identification(model, record), start=truth)
+    for numbers in draws(Answer(fit, 200.0), 9, 0)[1:]:
+        moved = po.simulate(model, record, {**fit.values, **numbers}).reading
+        change = float(np.sum(np.square(moved - fit.readings[0]))) / fit.rms**2
+        assert 0.0 < change < 4.0 * len(fit.names)
 
 
 @pytest.mark.parametrize("family", [Corners(5), Tones(4), Mixed(Corners(3), Tones(3))])
