@@ -23,7 +23,7 @@ def run(*arguments: object) -> Result:
     [
         ("triangle", ("--frequency", "2 Hz", "--periods", "3"), "triangle 0..100 V, 2 Hz"),
         ("square", ("--duty", "0.25"), "25 % high"),
-        ("staircase", ("--levels", "0,50 V", "--hold", "0.5 s"), "staircase 0, 50 V, 0.5 s each"),
+        ("staircase", ("--levels", "0,50 V", "--hold", "0.5 s"), "staircase 0, 50 V, 500 ms each"),
         ("decaying", ("--count", "3", "--slew", "100 V/s"), "50 % for the slew limit"),
         ("chirp", ("--duration", "1 s", "--linear"), "1 to 100 Hz, linear"),
         ("multisine", ("--lines", "odd", "--schroeder"), "50 odd lines"),
