@@ -31,6 +31,7 @@ class Kind:
     suffix: str = ".mkv"
 
 
+_QUIET: Final = ("x265-params", "log-level=none")
 KINDS: Final = (
     Kind("no losses, noise 1", noise=1.0),
     Kind("no losses, noise 2", noise=2.0),
@@ -42,10 +43,14 @@ KINDS: Final = (
     Kind("H.264, crf 20", "libx264", (("crf", "20"),), suffix=".mp4"),
     Kind("H.264, crf 23", "libx264", (("crf", "23"),), suffix=".mp4"),
     Kind("H.264, crf 20, fast", "libx264", (("crf", "20"), ("preset", "ultrafast")), suffix=".mp4"),
-    Kind(
-        "HEVC, crf 22", "libx265", (("crf", "22"), ("x265-params", "log-level=none")), suffix=".mp4"
+    Kind("MPEG-4, 3 Mb/s", "mpeg4", (("b", "3M"),), suffix=".mp4"),
+    Kind("VP9, crf 24", "libvpx-vp9", (("crf", "24"), ("b", "0"))),
+    *(
+        Kind(f"HEVC, crf {crf}", "libx265", (("crf", crf), _QUIET), suffix=".mp4")
+        for crf in ("18", "22", "26")
     ),
 )  # fmt: skip
+"""From the best to the worst of each codec."""
 MOTIONS: Final = ("walk", "sine", "slow")
 
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, final
 
@@ -18,6 +19,8 @@ from piezo_opt.readers.files import checked
 from piezo_opt.units import quantity
 from piezo_opt.video.coding import Coding
 
+_LOOKED_AT = 32
+"""Frames whose motion vectors are looked at: a few that move share one grid."""
 _SIXTEEN_BITS = 257.0
 """65535 / 255: pictures of 16 bits are brought to the levels of 8."""
 
@@ -81,13 +84,14 @@ class Video:
 
     @property
     def coding(self) -> Coding:
-        """How it is coded.
+        """How it is coded, by its first frames.
 
         Raises:
-            InputError: the file is no video.
+            InputError: the file is no video, or breaks off.
         """
-        with self._opened() as (_, stream):
-            return Coding.of(stream)
+        with self._opened() as (container, stream):
+            stream.codec_context.flags2 |= library("av.codec.context").Flags2.export_mvs
+            return Coding.of(stream, islice(self._decoded(container, stream), _LOOKED_AT))
 
     @property
     def length(self) -> int:

@@ -7,12 +7,14 @@ from typing import Final
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
+from scipy.ndimage import binary_dilation
 
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import FloatArray
+from piezo_opt.measurement.arrays import BoolArray
 from piezo_opt.video.box import MARGIN, Box
 from piezo_opt.video.frames import Frame
-from piezo_opt.video.pattern import Pattern
+from piezo_opt.video.pattern import Pattern, cut_off
 from piezo_opt.video.sighting import Area, Sighting, sightings
 
 LEARNT: Final = 32
@@ -71,7 +73,13 @@ def learnt(frames: Sequence[Frame], box: Box, area: Area) -> Pattern:
         if place.registered.unexplained <= 2.0 * usual + half_a_pixel(first)
     ]
     kept = [one for one in moved if one is not None]
-    return Pattern(np.mean([first.values, *kept], axis=0)) if kept else first
+    if not kept:
+        return first
+    looks = np.stack([first.values, *(values for values, _ in kept)])
+    clean = np.stack([~cut_off(first.values), *(clean for _, clean in kept)])
+    # A pixel whose light was cut off in every look is known no better than that.
+    clean |= ~clean.any(axis=0)
+    return Pattern(np.asarray(np.average(looks, axis=0, weights=clean)))
 
 
 def half_a_pixel(pattern: Pattern) -> float:
@@ -84,8 +92,11 @@ def half_a_pixel(pattern: Pattern) -> float:
     return 0.25 * float(np.trace(pattern.information)) / 2.0 / max(energy, 1e-300)
 
 
-def _onto(image: FloatArray, seen: Sighting, first: Pattern) -> FloatArray | None:
-    """A frame's own look at the pattern and its margin, in the pattern's contrast."""
+def _onto(image: FloatArray, seen: Sighting, first: Pattern) -> tuple[FloatArray, BoolArray] | None:
+    """A frame's own look at the pattern and its margin, in the pattern's contrast.
+
+    And where no light was cut off. None where the look is not within the picture.
+    """
     height, width = first.shape
     corner = seen.place - 0.5 * (np.array([width, height]) - 1.0)
     around = MARGIN + _AROUND
@@ -95,11 +106,16 @@ def _onto(image: FloatArray, seen: Sighting, first: Pattern) -> FloatArray | Non
     if left < 0 or top < 0 or right > image.shape[1] or bottom > image.shape[0]:
         return None
     patch = image[top:bottom, left:right]
-    spline = RectBivariateSpline(np.arange(top, bottom), np.arange(left, right), patch, kx=5, ky=5)
+    across = np.arange(top, bottom), np.arange(left, right)
+    spline = RectBivariateSpline(*across, patch, kx=5, ky=5)
     rows = corner[1] + np.arange(-MARGIN, height + MARGIN)
     columns = corner[0] + np.arange(-MARGIN, width + MARGIN)
     shown = np.asarray(spline(rows, columns)) / seen.registered.gain
-    return np.asarray(shown - shown.mean() + first.values.mean())
+    # The four pixels around each of these, and what the spline takes from theirs.
+    near = RectBivariateSpline(*across, binary_dilation(cut_off(patch)).astype(float), kx=1, ky=1)
+    clean = np.asarray(near(rows, columns)) == 0.0
+    even = clean if clean.mean() > 0.5 else np.ones_like(clean)
+    return shown - shown[even].mean() + first.values[even].mean(), clean
 
 
 def _noise(values: FloatArray) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
 from piezo_opt.measurement import FloatArray
-from piezo_opt.measurement.arrays import IndexArray
+from piezo_opt.measurement.arrays import BoolArray, IndexArray
 from piezo_opt.video.box import MARGIN
 
 _FURTHEST: Final = 2.0
@@ -18,6 +18,10 @@ _FURTHEST: Final = 2.0
 _STEPS: Final = 12
 _ENOUGH: Final = 1e-3
 """[px] Change of the place that ends the steps: a tenth of the best sigma there is."""
+_WHITE: Final = 255.0
+"""The brightest level."""
+_LEAST: Final = 0.25
+"""Share of a window's pixels that must tell something."""
 _BLOCK: Final = 10
 """Side of a block [px]: a codec's transform is 8 wide, and a pattern repeats itself less far."""
 _FEWEST, _MOST = 3, 6
@@ -63,6 +67,9 @@ class Pattern:
 
         s^2 (J' J)^-1,    J = [-g T_x, -g T_y, T, 1, x, y],   s^2 = |e|^2 / (n - 6).
 
+    Where a level lies at an end of the scale and the model beyond it, the light was cut off there:
+    the pixel agrees, and says no more.
+
     Noise of a camera is nearly independent, what a codec or a changed look leaves is not. So the
     window is cut into blocks B with scores g_B = J_B' e_B and information H_B = J_B' J_B. With A
     their sum, the sandwich A^-1 (sum g_B g_B') A^-1 tells how much the blocks disagree. Independent
@@ -88,12 +95,12 @@ class Pattern:
 
     def register(self, window: FloatArray) -> Registered | None:
         """The place of the pattern in a window (h, w); None where it leads out of the window."""
-        shift = np.zeros(2)
+        shift, seen = np.zeros(2), np.ones(window.size, dtype=bool)
         for _ in range(_STEPS):
             columns = self._columns(shift)
-            normal = columns.T @ columns
+            kept = columns * seen[:, None]
             try:
-                found = np.linalg.solve(normal, columns.T @ window.ravel())
+                found = np.linalg.solve(kept.T @ kept, kept.T @ window.ravel())
             except np.linalg.LinAlgError:
                 return None
             gain = float(found[2])
@@ -103,20 +110,24 @@ class Pattern:
             shift = shift + step
             if not np.abs(shift).max() < _FURTHEST:
                 return None
-            if np.abs(step).max() < _ENOUGH:
-                return self._judged(window, shift)
+            before, seen = seen, _seen(window.ravel(), columns @ found)
+            if np.count_nonzero(seen) < _LEAST * seen.size:
+                return None
+            if np.abs(step).max() < _ENOUGH and np.array_equal(before, seen):
+                return self._judged(window, shift, seen)
         return None
 
-    def _judged(self, window: FloatArray, shift: FloatArray) -> Registered | None:
-        columns = self._columns(shift)
-        rest_of_light, _, _, _ = np.linalg.lstsq(columns[:, 3:], window.ravel(), rcond=None)
-        flat = window.ravel() - columns[:, 3:] @ rest_of_light
+    def _judged(self, window: FloatArray, shift: FloatArray, seen: BoolArray) -> Registered | None:
+        columns = self._columns(shift) * seen[:, None]
+        levels = window.ravel() * seen
+        rest_of_light, _, _, _ = np.linalg.lstsq(columns[:, 3:], levels, rcond=None)
+        flat = levels - columns[:, 3:] @ rest_of_light
         inverse = np.linalg.pinv(columns.T @ columns)
-        found = inverse @ (columns.T @ window.ravel())
+        found = inverse @ (columns.T @ levels)
         gain = float(found[2])
-        left = window.ravel() - columns @ found
+        left = levels - columns @ found
         squares = float(left @ left)
-        freedom = left.size - columns.shape[1]
+        freedom = int(np.count_nonzero(seen)) - columns.shape[1]
         information = self._by_block(
             (columns[:, :, None] * columns[:, None, :]).reshape(left.size, -1)
         ).reshape(-1, *inverse.shape)
@@ -191,6 +202,18 @@ class Pattern:
         down, across = _edges(height), _edges(width)
         summed = np.add.reduceat(each.reshape(height, width, -1), down, axis=0)
         return np.asarray(np.add.reduceat(summed, across, axis=1).reshape(-1, each.shape[1]))
+
+
+def cut_off(levels: FloatArray) -> BoolArray:
+    """Levels at an end of the scale, 0 to 255: the light may have been beyond it."""
+    return np.asarray((levels <= 0.0) | (levels >= _WHITE))
+
+
+def _seen(window: FloatArray, model: FloatArray) -> BoolArray:
+    """Pixels (n,) that tell more than that the light was cut off where the model says so."""
+    return np.asarray(
+        ~(((window >= _WHITE) & (model > _WHITE)) | ((window <= 0.0) & (model < 0.0)))
+    )
 
 
 def _edges(side: int) -> IndexArray:

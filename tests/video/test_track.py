@@ -15,6 +15,8 @@ from piezo_opt.measurement import FloatArray
 from piezo_opt.readers import read_drive
 from piezo_opt.report.video import overlay
 from piezo_opt.video.box import MARGIN
+from piezo_opt.video.coding import Coding
+from piezo_opt.video.frames import Video
 from piezo_opt.video.pattern import Pattern
 
 SMALL = Scene(shape=(80, 100), half=18.0, seed=2)
@@ -222,3 +224,27 @@ def test_files_and_options_that_are_none_are_refused(
     ):
         with pytest.raises(po.InputError, match=says):
             po.track(file, **{**told, **changed})  # type: ignore[arg-type]
+
+
+def test_light_that_is_cut_off_says_no_more() -> None:
+    """Bright spots beyond the brightest level in a third of the frames: places and sigma hold."""
+    (row,) = calibration(
+        (kind("no losses, noise 2, light drifts by 40 %"),), seeds=1, motions=("walk",)
+    )
+    assert row.valid == 1.0
+    assert row.rms < 0.01
+    assert 0.9 <= row.inside <= 0.99
+
+
+def test_the_grid_of_motion_vectors_is_read_from_the_file(tmp_path: Path) -> None:
+    pictures = shown(np.linspace(45.0, 55.0, 10))
+    steps: dict[str, Coding] = {}
+    for name in ("H.264, crf 20", "H.264, crf 20, fast", "no losses, noise 1"):
+        one, path = kind(name), tmp_path / f"{len(steps)}.mkv"
+        film(path, pictures, np.arange(10) / 25.0, codec=one.codec, options=dict(one.options))
+        steps[name] = Video.of(path).coding
+    assert [c.predicted for c in steps.values()] == [True, True, False]
+    assert [c.step for c in steps.values()][:2] == [0.25, 1.0]
+    # The fastest preset looks for whole pixels only, and rounds four times as far.
+    roundings = [c.rounding for c in steps.values()]
+    assert roundings == pytest.approx([0.15 * 0.25 / 12**0.5, 0.15 / 12**0.5, 0.0])
