@@ -4,6 +4,7 @@ from piezo_opt.control.closed_loop import ClosedLoop, Controller, Limits, close_
 from piezo_opt.control.cost import Criterion
 from piezo_opt.control.feedforward import InverseCompensation
 from piezo_opt.control.identified import Identified, identified
+from piezo_opt.control.linear_law import LinearLaw
 from piezo_opt.control.linearise import linearise
 from piezo_opt.control.lqg import LQG
 from piezo_opt.control.margins import Margins, margins
@@ -36,6 +37,7 @@ __all__ = [
     "Identified",
     "InverseCompensation",
     "Limits",
+    "LinearLaw",
     "Margins",
     "Mode",
     "ModelPlant",

@@ -144,8 +144,24 @@ class ClosedLoop:
         return float(self.time[outside[-1] + 1] - self.time[0])
 
 
+@final
+class _Called:
+    """A function as a plant; a period of 0 asks it for the reading at rest."""
+
+    def __init__(self, function: Callable[[float, float], float]) -> None:
+        self._function = function
+
+    def begin(self, drive: float) -> float:
+        """The reading [m] at rest at a drive [V]."""
+        return float(self._function(drive, 0.0))
+
+    def advance(self, drive: float, period: float) -> float:
+        """The reading [m] after a drive [V] was held for a period [s]."""
+        return float(self._function(drive, period))
+
+
 def close_loop(
-    plant: Plant,
+    plant: Plant | Callable[[float, float], float],
     controller: Controller,
     reference: ArrayLike,
     *,
@@ -164,8 +180,11 @@ def close_loop(
     plant. Its drive is limited, and held from ``delay`` samples later on.
 
     Args:
-        plant: a :class:`ModelPlant`, or an object of your own with ``begin`` and ``advance``.
-        controller: a :class:`PID`, an :class:`InverseCompensation`, or one of your own.
+        plant: a :class:`ModelPlant`, an object of your own with ``begin`` and ``advance``, or a
+            function of drive [V] and period [s] that holds the drive so long and gives the reading
+            [m] after it; first it is called with a period of 0.
+        controller: a :class:`PID`, an :class:`InverseCompensation`, a :class:`LinearLaw` of
+            python-control's, or one of your own.
         reference: (N,) [m], one value a period.
         period: of the sampling [s].
         limits: of the drive.
@@ -204,7 +223,8 @@ def close_loop(
     state = controller.begin()
     waiting = [drive] * delay
     acting = drive
-    output = plant.begin(drive)
+    driven = plant if isinstance(plant, Plant) else _Called(plant)
+    output = driven.begin(drive)
     for k in range(n):
         position[k] = output + added[k]
         seen = position[k] + errors[k]
@@ -221,5 +241,5 @@ def close_loop(
         waiting.append(min(max(asked, low), high))
         acting = waiting.pop(0)
         drives[k] = acting
-        output = plant.advance(acting, period)
+        output = driven.advance(acting, period)
     return ClosedLoop(time, wanted, position, reading, drives)

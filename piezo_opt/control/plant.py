@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol, final
+from typing import Protocol, final, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from piezo_opt.values import Values
 FloatArray = NDArray[np.float64]
 
 
+@runtime_checkable
 class Plant(Protocol):
     """What a loop is closed around. A class of your own needs these two methods."""
 

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import control
 import numpy as np
 import pytest
 
 import piezo_opt as po
-from piezo_opt.control import PID, InverseCompensation, Limits, ModelPlant, close_loop
+from piezo_opt.control import (
+    PID,
+    InverseCompensation,
+    Limits,
+    LinearLaw,
+    ModelPlant,
+    close_loop,
+)
 from piezo_opt.effects import BoucWen, PiezoGain, SecondOrder
 from piezo_opt.errors import InputError
 
@@ -103,6 +111,49 @@ def test_the_controller_reads_nothing_of_the_plant_but_the_measurement() -> None
     first = close_loop(ModelPlant(STACK, VALUES), THESIS_PID, reference, delay=1, **asked)  # type: ignore[arg-type]
     again = close_loop(Replay(first.position), THESIS_PID, reference, delay=1, **asked)  # type: ignore[arg-type]
     assert (again.drive == first.drive).all()
+
+
+def test_a_controller_of_python_control_s_is_the_same_in_the_loop() -> None:
+    reference = triangle(0.01, duration=4.0)
+    laws = (THESIS_PID, LinearLaw(THESIS_PID.transfer_function(0.01)))
+    loops = [close_loop(ModelPlant(STACK, VALUES), one, reference, period=0.01) for one in laws]
+    assert loops[1].drive == pytest.approx(loops[0].drive, abs=1e-7 * np.ptp(loops[0].drive))
+
+
+def test_a_linear_controller_does_not_wind_up_and_holds_where_a_reading_is_none() -> None:
+    law = LinearLaw(control.tf([4e6, -3.9e6], [1.0, -1.0], 0.01))
+    reference = np.where(np.arange(600) < 300, 40e-6, 5e-6)
+    limits = Limits(0.0, 60.0)
+    loop = close_loop(ModelPlant(STILL, LOOP), law, reference, period=0.01, limits=limits)
+    assert loop.drive[299] == 60.0
+    # An integrator that had gone on for three seconds would hold the drive there for ten more.
+    assert loop.drive[301] < 60.0
+    assert abs(loop.error[-1]) < 0.02 * 40e-6
+    _, state = law.act(law.begin(), 1e-6, 0.0, 0.01, 0.0, 60.0)
+    drive, held = law.act(state, 1e-6, float("nan"), 0.01, 0.0, 60.0)
+    assert drive == pytest.approx(4.0)
+    assert held is state
+    with pytest.raises(InputError, match="the loop every"):
+        close_loop(ModelPlant(STILL, LOOP), law, reference, period=0.02)
+    with pytest.raises(InputError, match="no sampling period"):
+        LinearLaw(control.tf([1.0], [1.0, 1.0]))
+    with pytest.raises(InputError, match="2 inputs and 1 outputs"):
+        LinearLaw(control.ss([[0.5]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]], 0.01))
+
+
+def test_a_function_is_a_plant() -> None:
+    reference, own = triangle(0.01, duration=2.0), ModelPlant(STACK, VALUES)
+
+    def rig(drive: float, period: float) -> float:
+        return own.advance(drive, period) if period > 0.0 else own.begin(drive)
+
+    asked = {"period": 0.01, "limits": Limits(0.0, 150.0), "delay": 1}
+    loops = [
+        close_loop(one, THESIS_PID, reference, **asked)  # type: ignore[arg-type]
+        for one in (rig, ModelPlant(STACK, VALUES))
+    ]
+    assert (loops[0].drive == loops[1].drive).all()
+    assert loops[0].drive.max() > 10.0
 
 
 def test_limits_resolution_delay_and_disturbance_hold() -> None:
