@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,6 +13,9 @@ from piezo_opt.cli.solving import pool
 from piezo_opt.cli.telling import telling
 from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import quantity
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 study = typer.Typer(
     name="study",
@@ -34,6 +37,10 @@ def thesis(
         Path | None,
         typer.Option(metavar="PAGE.md", help="Page whose tables, between their marks, to renew."),
     ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.png", help="The pictures of its chapter 4: .png or .svg."),
+    ] = None,
     overwrite: o.Overwrite = False,
 ) -> None:
     """Every number of the thesis that survives, beside the one that comes out here.
@@ -41,12 +48,12 @@ def thesis(
     \b
     Examples:
       piezo-opt study thesis
-      piezo-opt study thesis --page docs/thesis.md
+      piezo-opt study thesis --page docs/thesis.md --picture chapter4.png
     """
     from piezo_opt.studies import study_thesis
     from piezo_opt.studies.page import tables_of, write_tables
 
-    outputs.check({"--json": json}, overwrite=overwrite)
+    outputs.check({"--json": json, "--picture": picture}, overwrite=overwrite)
     if page is not None:
         tables_of(page)
     found = study_thesis()
@@ -55,6 +62,22 @@ def thesis(
     if page is not None:
         write_tables(page, found)
     typer.echo(str(found))
+    if picture is not None:
+        from piezo_opt.report.thesis import chapter_four
+        from piezo_opt.studies.thesis.control import hysteresis_loops, vibration_answers
+        from piezo_opt.studies.thesis.hysteresis import loop_fit
+
+        fit = loop_fit()
+        drawn = chapter_four(fit, hysteresis_loops(fit), *vibration_answers())
+        _save(drawn, picture, overwrite)
+
+
+def _save(figure: Figure, picture: Path, overwrite: bool) -> None:
+    from piezo_opt.readers.files import replacing
+
+    with replacing(picture, overwrite=overwrite) as temporary:
+        form = picture.suffix.lstrip(".").lower() or "png"
+        figure.savefig(temporary, dpi=150, format=form)
 
 
 @study.command()
@@ -95,9 +118,6 @@ def worth(
     if json is not None:
         outputs.write_json(json, found.to_dict(), overwrite=overwrite)
     if picture is not None:
-        from piezo_opt.readers.files import replacing
         from piezo_opt.report.worth import worths
 
-        with replacing(picture, overwrite=overwrite) as temporary:
-            form = picture.suffix.lstrip(".").lower() or "png"
-            worths(found.points()).savefig(temporary, dpi=150, format=form)
+        _save(worths(found.points()), picture, overwrite)

@@ -10,8 +10,11 @@ from typer.testing import CliRunner
 
 from piezo_opt.cli import app
 from piezo_opt.errors import InputError
+from piezo_opt.report.thesis import chapter_four
 from piezo_opt.studies import Row, Study, study_thesis
 from piezo_opt.studies.page import tables_of, write_tables
+from piezo_opt.studies.thesis.control import hysteresis_loops, vibration_answers
+from piezo_opt.studies.thesis.hysteresis import loop_fit
 from tests.docs.pages import disagreement
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "thesis.md"
@@ -81,6 +84,18 @@ def test_the_page_shows_this_run(study: Study) -> None:
 
     problem = disagreement(shown(tables_of(PAGE)), shown(study.markdown()))
     assert problem is None, f"{problem}\npiezo-opt study thesis --page docs/thesis.md"
+
+
+def test_the_controllers_are_drawn(study: Study, tmp_path: Path) -> None:
+    """Each in its panel; what the fixture has computed is not computed again."""
+    fit = loop_fit()
+    loops, (time, answers) = hysteresis_loops(fit), vibration_answers()
+    assert f"{1e6 * loops['PID'].largest:.3f}" in row(study, "PID on the loop").ours
+    drawn = chapter_four(fit, loops, time, answers)
+    shown = [{t.get_text() for t in a.get_legend().get_texts()} for a in drawn.axes]
+    assert shown[2] == set(loops)
+    assert shown[3] == set(answers)
+    drawn.savefig(tmp_path / "drawn.png")
 
 
 def test_tables_are_put_between_the_marks(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from piezo_opt.datasets import load
 from piezo_opt.effects import BoucWen, Model, PiezoGain, SecondOrder
 from piezo_opt.identification import Fit, Identification, Start, solve
@@ -14,6 +16,7 @@ def loop_model() -> Model:
     return PiezoGain() + BoucWen() + SecondOrder()
 
 
+@lru_cache(maxsize=1)
 def loop_fit() -> Fit:
     """Eqs. 2.32 and 2.35 on Table 3.1: virgin, at rest, no offset, mechanics of Eq. 3.5."""
     shape = second_order_shape(0.528, 2.5)
