@@ -3,6 +3,7 @@
     python problems/run_benchmark.py                     every problem in this folder
     python problems/run_benchmark.py --only thesis_loop --starts 20 --json race.json
     python problems/run_benchmark.py --coverage 100      coverage on synthetic_recovery instead
+    python problems/run_benchmark.py --coverage 100 --selected     where creep was found first
 
 Runs in parallel with --workers; wall times are cleanest with one. Ctrl-C prints what there is.
 """
@@ -24,6 +25,8 @@ import numpy as np
 import piezo_opt as po
 from piezo_opt.benchmark.coverage import Coverage, coverage
 from piezo_opt.benchmark.optimisers import Contender, Race, race
+from piezo_opt.effects import Creep
+from piezo_opt.simulation import simulate
 
 HERE = Path(__file__).resolve().parent
 CONTENDERS = (
@@ -51,6 +54,18 @@ def names() -> list[str]:
     return [f.stem for f in files if "\ndef question(" in f.read_text(encoding="utf-8")]
 
 
+def creeping() -> tuple[po.Identification, dict[str, float], float]:
+    """A question whose records creep, its true values, and the noise [m]."""
+    synthetic = problem("synthetic_recovery")
+    clean = synthetic.clean()
+    asked = synthetic.question()
+    model = asked.model + Creep()
+    truth = {**synthetic.known(), "creep.c": 0.05, "creep.tau": 0.05}
+    reading = simulate(model, clean, truth).reading
+    question = asked.with_model(model).with_records(clean.with_(position=reading))
+    return question, truth, synthetic.NOISE * float(np.ptp(clean.position))
+
+
 def show(done: int, of: int) -> None:
     """Progress on the terminal."""
     end = "\n" if done == of else ""
@@ -66,12 +81,19 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=20.0, help="seconds of one run")
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--coverage", type=int, metavar="SEEDS", help="coverage instead")
+    parser.add_argument("--selected", action="store_true", help="after a diagnosis found creep")
     parser.add_argument("--json", type=Path, help="write all runs to this file")
     options = parser.parse_args()
     pool: Any = ProcessPoolExecutor(options.workers) if options.workers > 1 else nullcontext()
     result: Race | Coverage
     with pool as executor:
-        if options.coverage is not None:
+        if options.coverage is not None and options.selected:
+            question, truth, noise = creeping()
+            result = coverage(
+                question, truth, noise, seeds=range(options.coverage), without=["creep"],
+                executor=executor, progress=show,
+            )  # fmt: skip
+        elif options.coverage is not None:
             synthetic = problem("synthetic_recovery")
             clean = synthetic.clean()
             result = coverage(

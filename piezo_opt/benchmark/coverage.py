@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from scipy import stats
 
 from piezo_opt.benchmark.jobs import Counted, run_jobs
 from piezo_opt.benchmark.table import table
+from piezo_opt.diagnosis import diagnose
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Ending, Identification, solve
 
@@ -62,11 +64,13 @@ class Coverage:
         names: the unknowns.
         level: at which the intervals were asked for.
         draws: one for each seed, in the order of the seeds.
+        others: seeds for which a diagnosis found another set of effects than the true one.
     """
 
     names: tuple[str, ...]
     level: float
     draws: tuple[Draw, ...]
+    others: tuple[int, ...] = ()
 
     @cached_property
     def errors(self) -> FloatArray:
@@ -115,6 +119,7 @@ class Coverage:
             "schema": SCHEMA,
             "level": self.level,
             "draws": len(self.draws),
+            "others": list(self.others),
             "share": dict(self.shares),
             "bias": dict(self.bias),
             "spread": dict(self.spread),
@@ -133,10 +138,11 @@ class Coverage:
         low, high = self.joint_band()
         stuck = sum(d.ending is not Ending.CONVERGED for d in self.draws)
         seconds = sum(d.seconds for d in self.draws)
+        other = f", {len(self.others)} more in which another set was found" if self.others else ""
         return "\n".join(
             [
-                f"{len(self.draws)} draws, intervals of {100.0 * self.level:g} %, {stuck} not "
-                f"converged, {seconds:.1f} s of fitting",
+                f"{len(self.draws)} draws{other}, intervals of {100.0 * self.level:g} %, "
+                f"{stuck} not converged, {seconds:.1f} s of fitting",
                 table(("parameter", "inside", "bias", "true/stated deviation"), rows),
                 f"all together: {self.joint():.3f} (1 if the covariance is right; 99.9 % of such "
                 f"runs lie in {low:.3f} .. {high:.3f})",
@@ -153,6 +159,7 @@ class _Task:
     truth: Mapping[str, float]
     noise: float
     level: float
+    without: tuple[str, ...]
 
 
 def coverage(
@@ -162,10 +169,15 @@ def coverage(
     *,
     seeds: Sequence[int] = tuple(range(100)),
     level: float = 0.95,
+    without: Sequence[str] = (),
     executor: Executor | None = None,
     progress: Counted | None = None,
 ) -> Coverage:
     """Fit a question to many draws of white noise on readings without noise.
+
+    Intervals are those of a model that was known, or, with effects that a diagnosis has to find
+    first, those after selection: of the draws in which it found the true set. Details that were
+    freed beside that are fitted and not judged.
 
     Args:
         question: model and records, whose positions are the truth's readings without noise; its
@@ -174,6 +186,7 @@ def coverage(
         noise: standard deviation of the noise added [m].
         seeds: one draw each.
         level: of the intervals.
+        without: effects of the question's model that are left to a diagnosis to find.
         executor: runs the draws in parallel.
         progress: called with (draws done, draws in all).
 
@@ -188,46 +201,68 @@ def coverage(
             f"coverage(noise={noise}, level={level}, {len(seeds)} seeds): give a positive noise in "
             "metres, a level between 0 and 1, and at least one seed."
         )
-    task = _Task(question, truth, noise, level)
+    task = _Task(question, truth, noise, level, tuple(without))
     names: tuple[str, ...] = ()
     draws: list[Draw] = []
+    others: list[int] = []
     try:
         for named, draw in run_jobs(_draw, task, seeds, executor, progress, _lost):
-            names = named
-            draws.append(draw)
+            if isinstance(draw, Draw):
+                names = named
+                draws.append(draw)
+            else:
+                others.append(draw)
     except KeyboardInterrupt:
         if not draws:
             raise
+    if not draws:
+        raise InputError(f"coverage: another set than the true one was found {len(others)} times")
     order = {seed: k for k, seed in enumerate(seeds)}
-    return Coverage(names, level, tuple(sorted(draws, key=lambda d: order[d.seed])))
+    ordered = tuple(sorted(draws, key=lambda d: order[d.seed]))
+    return Coverage(names, level, ordered, tuple(sorted(others)))
 
 
-def _lost(seed: int, sentence: str) -> tuple[tuple[str, ...], Draw]:
+def _lost(seed: int, sentence: str) -> tuple[tuple[str, ...], Draw | int]:
     raise InputError(f"coverage: seed {seed}: {sentence}")
 
 
-def _draw(job: _Task, seed: int) -> tuple[tuple[str, ...], Draw]:
+def _draw(job: _Task, seed: int) -> tuple[tuple[str, ...], Draw | int]:
+    """What a draw says; its seed where a diagnosis found another set."""
     generator = np.random.default_rng(seed)
     records = tuple(
         r.with_(position=r.position + generator.normal(scale=job.noise, size=len(r)))
         for r in job.question.campaign.records
     )
-    fit = solve(job.question.with_records(records))
+    question = job.question.with_records(records)
+    if job.without:
+        model = question.model
+        for name in job.without:
+            model = model.without(name)
+        found = diagnose(question.with_model(model), threads=1, advise=False, max_time=math.inf)
+        if found.stopped is not None:
+            raise KeyboardInterrupt
+        fit = found.final
+        if sorted(fit.model.names) != sorted(question.model.names):
+            return (), seed
+    else:
+        fit = solve(question)
     if fit.outcome.ending is Ending.INTERRUPTED:
         raise KeyboardInterrupt
     missing = [n for n in fit.names if n not in job.truth]
-    if missing:
+    if missing and not job.without:
         raise InputError(
             f"coverage: no true value of {', '.join(missing)}; add it to truth, or fix it in the "
             "question."
         )
-    error = np.array([fit.values[n] - job.truth[n] for n in fit.names])
-    deviation = np.sqrt(np.diag(fit.covariance))
-    half = np.array([0.5 * np.ptp(fit.interval(n, job.level)) for n in fit.names])
+    kept = [k for k, n in enumerate(fit.names) if n in job.truth]
+    names = tuple(fit.names[k] for k in kept)
+    error = np.array([fit.values[n] - job.truth[n] for n in names])
+    deviation = np.sqrt(np.diag(fit.covariance))[kept]
+    half = np.array([0.5 * np.ptp(fit.interval(n, job.level)) for n in names])
     seen = np.isfinite(deviation)
     scaled = error[seen] / deviation[seen]
-    correlation = fit.correlation[np.ix_(seen, seen)]
-    return fit.names, Draw(
+    correlation = fit.correlation[np.ix_(kept, kept)][np.ix_(seen, seen)]
+    return names, Draw(
         seed,
         error / deviation,
         half / deviation,

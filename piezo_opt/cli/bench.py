@@ -15,6 +15,7 @@ from piezo_opt.cli.bench_control import control
 from piezo_opt.cli.bench_faults import faults
 from piezo_opt.cli.bench_optimisers import optimisers
 from piezo_opt.cli.bench_speed import speed
+from piezo_opt.cli.bench_spiked import spiked
 from piezo_opt.cli.bench_video import video
 from piezo_opt.cli.solving import pool
 from piezo_opt.cli.telling import telling
@@ -48,6 +49,7 @@ bench.command()(advice)
 bench.command()(faults)
 bench.command()(optimisers)
 bench.command()(speed)
+bench.command()(spiked)
 bench.command()(video)
 
 

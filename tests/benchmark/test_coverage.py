@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from importlib import import_module
 
 import numpy as np
 import pytest
 
 import piezo_opt as po
 from piezo_opt.benchmark.coverage import Coverage, coverage
-from piezo_opt.effects import Offset, PiezoGain
+from piezo_opt.diagnosis import diagnose
+from piezo_opt.effects import MainsPickup, Offset, PiezoGain
 from piezo_opt.identification import Ending
+from piezo_opt.simulation import simulate
 from problems import synthetic_recovery
+from tests.diagnosis.plants import but
+
+benchmark = import_module("piezo_opt.benchmark.coverage")
 
 SEEDS = range(20)
 
@@ -106,6 +113,30 @@ def test_interrupted_it_keeps_what_is_done() -> None:
 
     result = coverage(gain_question(), TRUTH, 1e-8, seeds=range(9), progress=stop)
     assert [d.seed for d in result.draws] == [0, 1]
+
+
+def test_intervals_after_a_diagnosis_are_those_of_the_draws_that_found_the_effect(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    few = but("mains_pickup", "drift")  # for speed
+    monkeypatch.setattr(benchmark, "diagnose", partial(diagnose, withhold=few))
+    question = gain_question()
+    model = question.model + MainsPickup()
+    truth = {**TRUTH, "mains_pickup.a": 4e-8, "mains_pickup.phi": 0.5}
+    (record,) = question.campaign.records
+    reading = simulate(model, record, truth).reading
+    hummed = question.with_model(model).with_records(record.with_(position=reading))
+    result = coverage(hummed, truth, 1e-8, seeds=range(6), without=["mains_pickup"])
+    assert set(result.names) == set(truth)
+    assert result.others == ()
+    assert result.shares["mains_pickup.a"] >= 0.5
+    assert result.honest()
+    # At a hundredth of the noise it is never found, and there is nothing to cover.
+    faint = {**truth, "mains_pickup.a": 1e-10}
+    reading = simulate(model, record, faint).reading
+    lost = hummed.with_records(record.with_(position=reading))
+    with pytest.raises(po.InputError, match="another set than the true one was found 2 times"):
+        coverage(lost, faint, 1e-8, seeds=range(2), without=["mains_pickup"])
 
 
 def test_what_makes_no_sense_is_refused() -> None:
