@@ -1,4 +1,4 @@
-"""Ending work early: a limit of wall time that acts as Ctrl-C does."""
+"""Ending work early: a limit of wall time that acts as Ctrl-C does, and threads that heed it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from types import TracebackType
 from typing import final
 
 from piezo_opt.errors import InputError
@@ -89,3 +91,21 @@ class TimeLimit:
             main = threading.main_thread().ident
             if self._timer is not None and main is not None:
                 signal.pthread_kill(main, signal.SIGINT)
+
+
+@final
+class Pool(ThreadPoolExecutor):
+    """Threads that drop what they have not begun when their block is left by an exception.
+
+    The library's pool would finish everything that was queued before an interrupt gets through.
+    """
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> bool | None:
+        """Wait for what runs; after an exception nothing more is begun."""
+        self.shutdown(wait=True, cancel_futures=kind is not None)
+        return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,9 +13,6 @@ from piezo_opt.cli.solving import pool
 from piezo_opt.cli.telling import telling
 from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import quantity
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 study = typer.Typer(
     name="study",
@@ -72,7 +69,8 @@ def thesis(
         _save(drawn, picture, overwrite)
 
 
-def _save(figure: Figure, picture: Path, overwrite: bool) -> None:
+def _save(figure: Any, picture: Path, overwrite: bool) -> None:
+    """Beside it and renamed; the figure is matplotlib's, which only the report knows."""
     from piezo_opt.readers.files import replacing
 
     with replacing(picture, overwrite=overwrite) as temporary:

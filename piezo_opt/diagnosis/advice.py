@@ -17,7 +17,6 @@ import numpy as np
 
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.scores import effective_samples
-from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.diagnosis.told import Step
 from piezo_opt.effects.base import Effect, Parameter
 from piezo_opt.errors import InputError, PiezoOptError
@@ -29,6 +28,7 @@ from piezo_opt.signals.drive import FloatArray
 from piezo_opt.signals.planning import resonance_of, room_of
 from piezo_opt.signals.rivals import Rival
 from piezo_opt.simulation import TOLERANCE, Initial, Simulator
+from piezo_opt.stopping import Pool
 from piezo_opt.units import show
 
 _DRIVES: Final = 3

@@ -17,11 +17,11 @@ from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import criterion
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.refit import refit
-from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.starting import starting_values
+from piezo_opt.stopping import Pool
 from piezo_opt.values import Values
 
 _FIRST, _ROUNDS = 5, 4

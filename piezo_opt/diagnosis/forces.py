@@ -43,11 +43,11 @@ from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.entering import Entering
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
-from piezo_opt.diagnosis.stopping import Pool
 from piezo_opt.diagnosis.trajectory import Quantity
 from piezo_opt.effects.base import Place
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Fit
+from piezo_opt.stopping import Pool
 from piezo_opt.units import show
 
 FloatArray = NDArray[np.float64]

@@ -28,11 +28,13 @@ import scipy
 from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.base_point import BasePoint, Direction
-from piezo_opt.diagnosis.stopping import Pool
+from piezo_opt.diagnosis.colour import Colour
+from piezo_opt.diagnosis.richer import on_mechanics, on_spring
 from piezo_opt.effects.base import Effect, Place
-from piezo_opt.errors import PiezoOptError
+from piezo_opt.errors import NO_FIT, PiezoOptError
 from piezo_opt.identification import Fit
 from piezo_opt.identification.tall import gram
+from piezo_opt.stopping import Pool
 
 FloatArray = NDArray[np.float64]
 
@@ -338,3 +340,38 @@ def _where(error: Exception, effect: Effect) -> str:
     at = (own or frames)[-1]
     text = (str(error).splitlines() or [""])[0].rstrip(":. ")
     return f"{at.filename}, line {at.lineno}: {type(error).__name__}: {text}."
+
+
+def scored(
+    fit: Fit, candidates: Sequence[Effect], threads: int, colour: Colour
+) -> tuple[tuple[Suspect, ...], tuple[Unscored, ...]]:
+    """Scores of all absent candidates.
+
+    At a quasi-static fit forces are scored on a spring without mass, and what else needs motion
+    with the mechanics that the fit may have left out.
+    """
+    absent = [e for e in candidates if e.name not in fit.model]
+    stiff = moving = None
+    if fit.model.quasi_static:
+        stiff = on_spring(fit)
+        if any("motion" in e.requires and e.place is not Place.MOTION for e in absent):
+            moving = on_mechanics(fit)
+    grounds = [None if ground is None else _point(ground, colour) for ground in (stiff, moving)]
+    return score(BasePoint(fit, colour=colour), absent, threads, *grounds)
+
+
+def _point(fit: Fit, colour: Colour) -> BasePoint | None:
+    """The point of a fit; None where it cannot be simulated again, at the edge of stability."""
+    try:
+        point = BasePoint(fit, colour=colour)
+        return point if point.substeps else None
+    except NO_FIT:
+        return None
+
+
+def at_foot(
+    fit: Fit, candidates: Sequence[Effect], threads: int
+) -> tuple[tuple[Suspect, ...], tuple[Unscored, ...]]:
+    """Scores at a fit alone, with its noise taken as white."""
+    left = [e for e in candidates if e.name not in fit.model]
+    return score(BasePoint(fit), left, threads)

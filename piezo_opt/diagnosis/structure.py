@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import final
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.following import follows_drive
-from piezo_opt.diagnosis.noise import REMEMBERED, NoiseFloor, correlations
+from piezo_opt.diagnosis.noise import REMEMBERED, NoiseFloor, correlations, noise_floor
 from piezo_opt.diagnosis.slow_noise import LEAST
 from piezo_opt.identification import Fit
 from piezo_opt.identification.periodic import period
@@ -116,3 +117,22 @@ def _bursts(r: FloatArray) -> str | None:
             "its usual size."
         )
     return None
+
+
+def exceeds(rms: float, floor: NoiseFloor, least: float) -> bool:
+    """Whether an error is larger than the floor and an effect of the least worth beside it.
+
+    Args:
+        rms: the error [m].
+        floor: of the noise; its upper 97.5 % limit is asked.
+        least: the least that an effect must explain (see
+            :func:`~piezo_opt.diagnosis.evidence.worth`): with squares S of the noise, an effect
+            just worth a name leaves (1 + least^2) S.
+    """
+    return rms > math.hypot(1.0, least) * floor.high
+
+
+def is_noise(fit: Fit, least: float) -> bool:
+    """Whether nothing is left that could bear a name: no more than noise, and no structure."""
+    floor = noise_floor(fit)
+    return not exceeds(fit.rms, floor, least) and not structure(fit, floor).left

@@ -15,8 +15,7 @@ import pytest
 from piezo_opt.diagnosis.book import Book
 from piezo_opt.diagnosis.diagnose import Stopped, diagnose
 from piezo_opt.diagnosis.members import Members
-from piezo_opt.diagnosis.stopping import Pool
-from piezo_opt.stopping import TimeLimit
+from piezo_opt.stopping import Pool, TimeLimit
 from problems import hidden_effect
 from tests.diagnosis.plants import but
 
