@@ -43,7 +43,7 @@ KINDS: Final = (
     Kind("H.264, crf 20", "libx264", (("crf", "20"),), suffix=".mp4"),
     Kind("H.264, crf 23", "libx264", (("crf", "23"),), suffix=".mp4"),
     Kind("H.264, crf 20, fast", "libx264", (("crf", "20"), ("preset", "ultrafast")), suffix=".mp4"),
-    Kind("MPEG-4, 3 Mb/s", "mpeg4", (("b", "3M"),), suffix=".mp4"),
+    Kind("MPEG-4, 3 Mb/s", "mpeg4", (("b", "3M"),)),
     Kind("VP9, crf 24", "libvpx-vp9", (("crf", "24"), ("b", "0"))),
     *(
         Kind(f"HEVC, crf {crf}", "libx265", (("crf", crf), _QUIET), suffix=".mp4")

@@ -10,7 +10,7 @@ import numpy as np
 
 _STEP: Final = 0.25
 """[px] Grid of motion vectors where the decoder does not tell them: that of HEVC, VP9 and AV1."""
-_LEFT: Final = 0.15
+_LEFT: Final = 0.125
 """Share of the rounding that is left where codecs correct what they moved."""
 _SKIPPING: Final = frozenset({"hevc", "av1", "vvc"})
 """Codecs whose blocks, up to 64 pixels wide, are mostly left as they are predicted."""
@@ -25,9 +25,9 @@ class Coding:
     quarter pixels q, which rounds a place by up to half a step: q / sqrt(12) in rms, where nothing
     corrects it. Neighbours share vectors, so that all blocks of a feature err alike and their
     disagreement does not tell. The grid is read from the vectors where the decoder gives them. Two
-    numbers stand for the rest, both measured (``piezo-opt bench video``): 0.15 of that rounding is
-    left (all of it by codecs that skip large blocks), and of the variance of a block half is common
-    to all blocks.
+    numbers stand for the rest, both measured (``piezo-opt bench video``): an eighth of that
+    rounding is left (all of it by codecs that skip large blocks), and of the variance of a block
+    half is common to all blocks.
 
     Attributes:
         name: of the codec.

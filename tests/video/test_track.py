@@ -247,4 +247,4 @@ def test_the_grid_of_motion_vectors_is_read_from_the_file(tmp_path: Path) -> Non
     assert [c.step for c in steps.values()][:2] == [0.25, 1.0]
     # The fastest preset looks for whole pixels only, and rounds four times as far.
     roundings = [c.rounding for c in steps.values()]
-    assert roundings == pytest.approx([0.15 * 0.25 / 12**0.5, 0.15 / 12**0.5, 0.0])
+    assert roundings == pytest.approx([0.25 / 8 / 12**0.5, 1 / 8 / 12**0.5, 0.0])
