@@ -104,12 +104,13 @@ class Fit:
         record = self.records[index]
         return np.asarray((record.position - self.readings[index])[record.counted])
 
-    @cached_property
+    @property
     def residuals(self) -> FloatArray:
         """Measured minus modelled on the counted samples of all records [m]."""
+        # Not kept: a search has hundreds of fits, and each has its readings already.
         return np.concatenate([self.residual(i) for i in range(len(self.records))])
 
-    @property
+    @cached_property
     def rms(self) -> float:
         """Root mean square of the residuals [m]."""
         return float(np.sqrt(np.mean(self.residuals**2)))
@@ -129,7 +130,8 @@ class Fit:
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval of an unknown (Student's t)."""
-        free = max(1, self.residuals.size - len(self.names))
+        counted = sum(int(record.counted.sum()) for record in self.records)
+        free = max(1, counted - len(self.names))
         half = float(scipy.special.stdtrit(free, 0.5 + 0.5 * level)) * self.std[name]
         return self.values[name] - half, self.values[name] + half
 
