@@ -55,7 +55,7 @@ class MPC:
     The unknowns are the drive's moves w: the loop follows |w|, by the exact law that the plant
     follows as well. At every sample the model is linearised along the moves of last time, shifted,
     and one quadratic program gives their change (Gauss-Newton, one real-time iteration). Where that
-    makes the plan cost more, by the law itself, and half of it does less so, half of it is made:
+    makes the plan cost more, by the law itself, and half of it makes it cost less, half is made:
     behind a corner of the law, where the drive turns, the linearisation is another one. The states
     come from an :class:`~piezo_opt.control.observe.Observer`, whose disturbance d takes the offset.
     A sample that is no number is passed over; where the program fails the drive is held.

@@ -152,9 +152,9 @@ static double plan_cost(long n, const double *p, double t, double T, const doubl
 }
 
 /* One real-time iteration: the program's step, or half of it where the whole one makes the plan
-   dearer by the law itself (by more than a hundredth: near the optimum rounding would choose), and
-   more so than half of it: a loop's law has corners where the drive turns, and behind a corner the
-   linearisation is another one. x: estimate at t, the disturbance last; pending: drives asked before
+   dearer by the law itself (by more than a hundredth: near the optimum rounding would choose) and
+   half of it makes it cheaper: a loop's law has corners where the drive turns, and behind a corner
+   the linearisation is another one. Where neither does, the whole step gets away from there. x: estimate at t, the disturbance last; pending: drives asked before
    that still wait (delay of them); r: references at the ends of the n periods that follow them;
    w: moves of last time, shifted by the caller. bounds: low, high, slew, lowest and highest
    reading, and for the first move its own low and high drive. told: iterations, gap, status
@@ -218,7 +218,7 @@ static double decide(long n, long most, const double *p, double t, double T, con
   double share = 1.0, whole = 0.0;
   if (done >= 0) whole = plan_cost(n, p, t, T, x, u, rise, held, r, weights, bounds, w, dw, 1.0);
   if (!(whole <= 1.01 * now) &&
-      !(plan_cost(n, p, t, T, x, u, rise, held, r, weights, bounds, w, dw, 0.5) >= whole))
+      !(plan_cost(n, p, t, T, x, u, rise, held, r, weights, bounds, w, dw, 0.5) > now))
     share = 0.5;
   for (long k = 0; k < n; ++k) w[k] = done < 0 || !isfinite(dw[k]) ? 0.0 : w[k] + share * dw[k];
   const double asked = u + w[0];
