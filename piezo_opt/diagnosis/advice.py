@@ -36,6 +36,8 @@ _DRIVES: Final = 3
 _LONGER: Final = 4.0
 """Times the record's length that a drive lasts where its length is not enough: twice the sigmas of
 what keeps adding to them."""
+_MOST: Final = 8000
+"""Samples of a drive for a group: more would take longer than the search that named it."""
 _TRUTHS: Final = 6
 """Models times values of each that are taken for true on a drive: three of each of two models."""
 
@@ -119,7 +121,7 @@ def experiments(
 def split(alternatives: Mapping[str, Fit], noise: float) -> Advice:
     """Which of the usual drives tells the effects of a group apart.
 
-    As long as the record, or four times that where it would not be sure.
+    As long as the record, or four times that where it would not be sure, of 8000 samples at most.
 
     Args:
         alternatives: the fit with each effect of the group in place of the others.
@@ -132,12 +134,16 @@ def split(alternatives: Mapping[str, Fit], noise: float) -> Advice:
     names = tuple(alternatives)
     fits = {name: converged(fit) for name, fit in alternatives.items()}
     possible = max(1, _TRUTHS // len(names))
-    record = fits[names[0]].records[0]
+    record, before = fits[names[0]].records[0], 0.0
     for times in (1.0, _LONGER):
-        lasting = times * record.duration + record.step
-        told = best_between(fits, noise=noise, duration=lasting, possible=possible, evaluations=0)
+        lasting = min(times * record.duration, _MOST * record.step) + record.step
+        if lasting > before:
+            told = best_between(
+                fits, noise=noise, duration=lasting, possible=possible, evaluations=0
+            )
         if told.sigmas >= SURE:
             break
+        before = lasting
     left = [float(np.sum(np.square(fits[name].residuals))) for name in told.closest]
     here = float(np.sqrt(abs(left[0] - left[1]))) / noise
     return Advice(

@@ -29,7 +29,7 @@ SURE: Final = 5.0
 as the difference of their sums of squares is normal with mean d^2 and deviation 2 d."""
 
 _CONFIRMED: Final = 3
-"""Best drives by steps that are judged by whole fits."""
+"""Best drives by steps that are judged by whole fits, as far as they promise more."""
 
 
 @final
@@ -42,7 +42,8 @@ class DriveBetween:
         models: a name for each.
         sigmas: distance of the two most alike, by whole fits.
         closest: those two, the one that is true first.
-        of_triangle: the same of a triangle with the same range, duration and rate.
+        of_triangle: that of a triangle with the same range, duration and rate, by Gauss-Newton
+            steps.
         noise: of the reading that was assumed [m].
         evaluations: drives that were judged.
     """
@@ -162,15 +163,18 @@ def best_between(
     )  # fmt: skip
     if not found:
         raise InputError("the fitted models cannot be simulated on any drive of this range")
-    judged = [(one.drive, confirmed(rivals, one.drive.values, sigma)) for one in found[:_CONFIRMED]]
-    best, told = max(judged, key=lambda pair: pair[1][0])
-    of_triangle = confirmed(rivals, plain_drive, sigma)
+    best, told = found[0].drive, confirmed(rivals, found[0].drive.values, sigma)
+    for one in found[1:_CONFIRMED]:
+        if one.merit > told[0]:
+            again = confirmed(rivals, one.drive.values, sigma)
+            best, told = max((best, told), (one.drive, again), key=lambda pair: pair[1][0])
+    plain = apart(rivals, plain_drive, sigma, {n: r.truths(plain_drive) for n, r in rivals.items()})
     return DriveBetween(
         drive=best,
         models=tuple(named),
         sigmas=told[0],
         closest=told[1],
-        of_triangle=of_triangle[0],
+        of_triangle=min(plain.values()) if plain else 0.0,
         noise=sigma,
         evaluations=sum(f.evaluations for f in found),
     )  # fmt: skip

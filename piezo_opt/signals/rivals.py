@@ -55,23 +55,25 @@ class Rival:
         return told
 
     def distances(
-        self, values: FloatArray, wanted: Sequence[FloatArray], noise: float, steps: int = _STEPS
+        self, values: FloatArray, wanted: Sequence[FloatArray], noise: float, *, steps: int = _STEPS
     ) -> list[float] | None:
         """How far this model stays from readings (N,) after Gauss-Newton steps, in sigmas.
 
-        None where it cannot be simulated.
+        The first step is made for all of them; further ones for the nearest, until the nearest has
+        made all its steps. None where the model cannot be simulated.
         """
         found = self._step(values, np.zeros(len(self.answer.names)), wanted, noise)
         if found is None:
             return None
-        far = []
-        for reading, (left, moved) in zip(wanted, found, strict=True):
-            for _ in range(steps - 1):
-                again = self._step(values, moved, [reading], noise)
-                if again is None:
-                    break  # the step led too far: what is known from before it stands
-                ((left, moved),) = again
-            far.append(left)
+        far, moved = [left for left, _ in found], [at for _, at in found]
+        made = [1] * len(far)
+        while far and made[nearest := int(np.argmin(far))] < steps:
+            again = self._step(values, moved[nearest], [wanted[nearest]], noise)
+            made[nearest] += 1
+            if again is None:
+                made[nearest] = steps  # the step led too far: what is known from before it stands
+            else:
+                ((far[nearest], moved[nearest]),) = again
         return far
 
     def _step(
