@@ -10,6 +10,7 @@ from enum import Enum
 from typing import Any, final
 
 from piezo_opt.diagnosis.advice import Advice, experiments
+from piezo_opt.diagnosis.book import Start
 from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import WORTH
 from piezo_opt.diagnosis.judge import Judge, worded
@@ -18,6 +19,7 @@ from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.diagnosis.points import Point, points
 from piezo_opt.diagnosis.scores import Suspect, Unscored, at_foot, by_name, scored
 from piezo_opt.diagnosis.search import Effort, search
+from piezo_opt.diagnosis.sketch import is_long, sketched
 from piezo_opt.diagnosis.structure import Structure, exceeds, is_noise, structure
 from piezo_opt.diagnosis.told import Rival, Step, Told, in_words, told
 from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
@@ -347,7 +349,16 @@ def diagnose(
         return Diagnosis(fit, fit, "open", noise, by_name(suspects), unscored)
     judge = Judge(test)
     offered, unheard = _judgeable(offered, test)
-    searched = search(fit, offered, withhold, effort, worth, threads, tell, limit)
+    base = fit
+
+    def begun() -> Sequence[Start]:
+        if not is_long(base):
+            return ()
+        tell("searching the stretch where the base model errs most")
+        half = 0.5 * max_time if math.isfinite(max_time) else None
+        return sketched(base, offered, withhold, effort, worth, threads, tell, half)
+
+    searched = search(fit, offered, withhold, effort, worth, threads, tell, limit, begun)
     answer = told(searched.book, searched.suspects, worth, judge)
     final = fit if answer.final is fit else with_statistics(answer.final)
     floor = noise_floor(final)

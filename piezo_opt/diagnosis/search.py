@@ -91,6 +91,7 @@ def search(
     threads: int,
     tell: Callable[[str], None],
     limit: TimeLimit,
+    begun: Callable[[], Sequence[Start]] = tuple,
 ) -> Searched:
     """Search the sets around a fit.
 
@@ -104,6 +105,7 @@ def search(
         threads: refits that run at a time.
         tell: called with sentences about what is going on.
         limit: of wall time.
+        begun: gives sets, and where they begin, that are fitted before any is expanded.
     """
     book = Book(foot, len(offered), threads)
     suspects: tuple[Suspect, ...] = ()
@@ -119,6 +121,7 @@ def search(
 
     try:
         with limit:
+            book.race(begun())
             tried, before = 0, foot
             while len(expanded) < effort.expansions and tried < effort.beam:
                 promising = [
@@ -139,7 +142,7 @@ def search(
                 expanded[at.hypothesis] = fit
                 tell(f"{_named(at)} leaves {show(fit.rms, 'm')}; fitting its neighbours")
                 near, lacking = scored(fit, offered, threads, book.colour)
-                if not suspects:
+                if at == book.base:
                     suspects, unscored, seen_in = near, lacking, book.colour
                 starts = _grown(book, at, near, effort, done=done)
                 starts += _exchanged(book, at, offered, effort, threads)

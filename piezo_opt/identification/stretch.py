@@ -41,6 +41,11 @@ def busiest(record: Measurement, samples: int) -> Measurement:
         part = slice(middle := (first + last) // 2, middle + samples)
         if np.ptp(record.drive[part]) > 0.0:
             break
+    return stretch(record, part)
+
+
+def stretch(record: Measurement, part: slice) -> Measurement:
+    """A part of a record as one that begins in the middle of a motion."""
     return record.with_(
         time=record.time[part], drive=record.drive[part], position=record.position[part],
         channels={k: v[part] for k, v in record.channels.items()}, startup=0.0,
