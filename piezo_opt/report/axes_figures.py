@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from piezo_opt.linear_models import AxesError, ModalModel, ResponseMatrix
 from piezo_opt.linear_models.modal_judging import residual
 from piezo_opt.measurement import AxesCampaign, FloatArray
-from piezo_opt.report.figures import legend_below
+from piezo_opt.pictures.picture import prefixed
 from piezo_opt.report.style import (
     BLACK,
     BLUE,
@@ -22,8 +22,8 @@ from piezo_opt.report.style import (
     VERMILLION,
     figure,
     labelled,
+    legend_below,
     plain_log_ticks,
-    prefixed,
     styled,
 )
 from piezo_opt.units import show

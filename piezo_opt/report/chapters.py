@@ -13,6 +13,7 @@ from piezo_opt.comparison import Comparison, Entry, columns, compare
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Fit
 from piezo_opt.measurement import Measurement
+from piezo_opt.pictures.picture import prefixed
 from piezo_opt.report import figures
 from piezo_opt.report.page import (
     Block,
@@ -25,7 +26,7 @@ from piezo_opt.report.page import (
     Table,
     Text,
 )
-from piezo_opt.report.style import MODEL_COLOURS, prefixed
+from piezo_opt.report.style import MODEL_COLOURS
 from piezo_opt.simulation import INITIAL
 from piezo_opt.units import show
 

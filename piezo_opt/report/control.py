@@ -9,16 +9,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from piezo_opt.control.modes import Mode, vibration
+from piezo_opt.pictures.picture import prefixed
 from piezo_opt.report.style import (
     BLACK,
     BLUE,
     GREY,
     MODELS,
-    MOST_POINTS,
     VERMILLION,
     figure,
     labelled,
-    prefixed,
     styled,
     thinned,
 )
@@ -34,21 +33,21 @@ def loops(runs: Sequence[ClosedLoop], name: str, limits: Limits) -> Figure:
         made, (above, middle, below) = figure(rows=3, width=7.2, height=6.2, sharex=True)
         seconds, second = prefixed("s", run.time)
         metres, unit = prefixed("m", run.reference, run.position)
-        time, reference = thinned(MOST_POINTS, run.time, run.reference)
+        time, reference = thinned(run.time, run.reference)
         above.plot(seconds * time, metres * reference, color=BLACK, label="reference")
-        time, position = thinned(MOST_POINTS, run.time, run.position)
+        time, position = thinned(run.time, run.position)
         above.plot(seconds * time, metres * position, color=BLUE, linestyle="--", label="position")
         above.set_ylabel(labelled("position", unit))
         above.set_title(f"{name}: expected on the identified actuator")
         above.legend(loc="upper right")
         metres, unit = prefixed("m", run.error)
-        time, error = thinned(MOST_POINTS, run.time, run.error)
+        time, error = thinned(run.time, run.error)
         middle.plot(seconds * time, metres * error, color=VERMILLION, linewidth=0.9)
         middle.set_ylabel(labelled("error", unit))
         middle.set_title(
             f"{metres * run.rms:.3g} {unit} rms, {metres * run.largest:.3g} {unit} at most"
         )
-        time, drive = thinned(MOST_POINTS, run.time, run.drive)
+        time, drive = thinned(run.time, run.drive)
         below.plot(seconds * time, drive, color=BLUE, drawstyle="steps-post", linewidth=0.9)
         for end in (limits.low, limits.high):
             if np.isfinite(end):

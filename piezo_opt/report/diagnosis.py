@@ -82,7 +82,7 @@ def _seen(entries: tuple[Entry, ...]) -> list[Block]:
             f"The reading over time and, below, what the model leaves over. {colours}",
         ),
         Picture(
-            diagnosis_figures.zoom(entries, k),
+            figures.zoom(entries, k),
             f"The stretch of that record in which the first model's error is largest. {colours}",
         ),
     ]

@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from piezo_opt.comparison import Entry
 from piezo_opt.diagnosis import Diagnosis, Quantity
 from piezo_opt.diagnosis.advice import Advice
 from piezo_opt.diagnosis.trajectory import trajectory
-from piezo_opt.report.figures import clock, legend_below
+from piezo_opt.pictures.picture import clock, prefixed
 from piezo_opt.report.style import (
     BLACK,
     BLUE,
     GREEN,
     GREY,
-    MODELS,
-    MOST_POINTS,
     PURPLE,
     SKY,
     VERMILLION,
     figure,
     labelled,
+    legend_below,
     plain_log_ticks,
-    prefixed,
     styled,
     thinned,
 )
@@ -40,8 +36,6 @@ _BINS = 16
 """Bins in which a correction is averaged over the signal that it depends on."""
 _LETTERS = 84
 """Letters that fit side by side under an axis."""
-_WINDOW = 0.04
-"""Part of the record that the zoom shows."""
 SIGNIFICANT = 1e-3
 """Corrected p-value below which a bar is drawn in colour."""
 
@@ -194,48 +188,6 @@ def percent(share: float) -> str:
     return f"{value:.0f} %" if value >= 10.0 else f"{value:.2g} %"
 
 
-def zoom(entries: Sequence[Entry], record: int = 0) -> Figure:
-    """The stretch where the first model's error is largest: reading above, error below."""
-    with styled():
-        made, (above, below) = figure(2, height=4.0, sharex=True, heights=(1.4, 1.0))
-        shown = entries[0].misfits[record]
-        part = window(shown.error)
-        time, measured = shown.time[part], shown.measured[part]
-        factor, unit = prefixed(shown.record.position_unit, measured)
-        errors = [entry.misfits[record].error[part] for entry in entries]
-        small, small_unit = prefixed(shown.record.position_unit, *errors)
-        seconds, time_unit = clock(shown.time)
-        few = time.size <= 200
-        above.plot(
-            seconds * time,
-            factor * measured,
-            "o-" if few else "-",
-            color=BLACK,
-            markersize=3.0,
-            linewidth=0.6 if few else 1.0,
-            label="measured",
-        )
-        for entry, error, colour in zip(entries, errors, MODELS, strict=False):
-            label = entry.label if len(entries) > 1 else "model"
-            above.plot(seconds * time, factor * (measured - error), color=colour, label=label)
-            below.plot(seconds * time, small * error, color=colour)
-        below.axhline(0.0, color=BLACK, linewidth=0.7)
-        below.set_xlabel(labelled("time", time_unit))
-        above.set_ylabel(labelled("displacement", unit))
-        below.set_ylabel(labelled("measured −\nmodel", small_unit))
-        above.set_title("Where the first model is worst")
-        legend_below(made, above)
-        return made
-
-
-def window(error: np.ndarray[tuple[int], np.dtype[np.float64]]) -> slice:
-    """The part of a record in which the mean square error is largest, 20 samples at least."""
-    count = min(error.size, max(20, round(_WINDOW * error.size)))
-    power = np.concatenate([[0.0], np.cumsum(error**2)])
-    begin = int(np.argmax(power[count:] - power[:-count]))
-    return slice(begin, begin + count)
-
-
 def correction(diagnosis: Diagnosis) -> Figure | None:
     """The smallest correction that would explain the rest: over time, and against the signal.
 
@@ -250,9 +202,7 @@ def correction(diagnosis: Diagnosis) -> Figure | None:
         time, values = force.time[0], force.correction[0]
         factor, unit = prefixed(force.place.unit, values)
         seconds, time_unit = clock(time)
-        axes[0].plot(
-            *thinned(MOST_POINTS, seconds * time, factor * values), color=PURPLE, linewidth=0.9
-        )
+        axes[0].plot(*thinned(seconds * time, factor * values), color=PURPLE, linewidth=0.9)
         axes[0].set_xlabel(labelled("time", time_unit))
         axes[0].set_ylabel(labelled("correction", unit))
         axes[0].set_title(f"What the {force.place.value} lacks")
@@ -292,7 +242,7 @@ def to_play(advice: Advice) -> Figure:
     with styled():
         made, (axis,) = figure(height=2.3)
         seconds, time_unit = clock(advice.drive.time)
-        time, values = thinned(MOST_POINTS, advice.drive.time, advice.drive.values)
+        time, values = thinned(advice.drive.time, advice.drive.values)
         axis.plot(seconds * time, values, color=GREY, linewidth=1.0)
         axis.set_xlabel(labelled("time", time_unit))
         axis.set_ylabel(labelled("drive", advice.drive.unit))

@@ -13,7 +13,8 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from piezo_opt.errors import InputError
 from piezo_opt.finite_elements import Body, Modes, Reduced, Static
 from piezo_opt.measurement import FloatArray
-from piezo_opt.report.style import BLUE, GREY, figure, plain_log_ticks, prefixed, styled
+from piezo_opt.pictures.picture import prefixed
+from piezo_opt.report.style import BLUE, GREY, figure, plain_log_ticks, styled
 
 _SHOWN: Final = 0.15
 """Largest displacement in a picture, as a share of the body's height: seen, and still a body."""

@@ -12,20 +12,19 @@ from piezo_opt.comparison import Misfit
 from piezo_opt.linear_models import FrequencyResponse, OrderSearch, TransferFit, step_criteria
 from piezo_opt.linear_models.transfer import half_width
 from piezo_opt.measurement import FloatArray
-from piezo_opt.report.figures import clock, legend_below
+from piezo_opt.pictures.picture import clock, prefixed
 from piezo_opt.report.style import (
     BLACK,
     BLUE,
     GREEN,
     GREY,
     MODELS,
-    MOST_POINTS,
     ORANGE,
     VERMILLION,
     figure,
     labelled,
+    legend_below,
     plain_log_ticks,
-    prefixed,
     styled,
     thinned,
 )
@@ -43,13 +42,13 @@ def reading(misfits: Sequence[tuple[str, Misfit]]) -> Figure:
         first = misfits[0][1]
         factor, unit = prefixed(first.record.position_unit, first.measured)
         seconds, time_unit = clock(first.time)
-        t, y = thinned(MOST_POINTS, first.time, first.measured)
+        t, y = thinned(first.time, first.measured)
         above.plot(seconds * t, factor * y, color=BLACK, label="measured")
         small, small_unit = prefixed(first.record.position_unit, *[one.error for _, one in misfits])
         for (label, one), colour in zip(misfits, MODELS, strict=False):
-            t, y = thinned(MOST_POINTS, one.time, one.measured - one.error)
+            t, y = thinned(one.time, one.measured - one.error)
             above.plot(seconds * t, factor * y, color=colour, label=label, linewidth=1.0)
-            t, e = thinned(MOST_POINTS, one.time, one.error)
+            t, e = thinned(one.time, one.error)
             below.plot(seconds * t, small * e, color=colour, linewidth=0.9)
         below.axhline(0.0, color=BLACK, linewidth=0.7)
         above.set_ylabel(labelled("displacement", unit))

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from piezo_opt.pictures.picture import prefixed
 from piezo_opt.report.style import (
     BLUE,
-    MOST_POINTS,
     VERMILLION,
     figure,
     labelled,
     plain_log_ticks,
-    prefixed,
     styled,
     thinned,
 )
@@ -29,7 +28,7 @@ def preview(drive: Drive) -> Figure:
         made, (above, below) = figure(rows=2, width=7.2, height=4.6)
         seconds, second = prefixed("s", drive.time)
         volts, unit = prefixed(drive.unit, drive.values)
-        time, values = thinned(MOST_POINTS, drive.time, drive.values)
+        time, values = thinned(drive.time, drive.values)
         style = "steps-post" if drive.steps else "default"
         above.plot(seconds * time, volts * values, color=BLUE, drawstyle=style)
         above.set_xlabel(labelled("time", second))

@@ -8,13 +8,15 @@ from contextlib import contextmanager
 from typing import Any, Final
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from piezo_opt.measurement import FloatArray
+from piezo_opt.pictures.picture import MODELS as TONES
+from piezo_opt.pictures.picture import Tone
+from piezo_opt.pictures.thinning import outline
 
 BLACK: Final = "#000000"
 ORANGE: Final = "#E69F00"
@@ -26,16 +28,16 @@ PURPLE: Final = "#CC79A7"
 GREY: Final = "#8A8F98"
 """Okabe & Ito (2008), Color Universal Design; grey for what is only there to compare with."""
 
-MODELS: Final = (VERMILLION, BLUE, GREEN, PURPLE, ORANGE, SKY)
+COLOURS: Final = {
+    Tone.INK: BLACK, Tone.VERMILLION: VERMILLION, Tone.BLUE: BLUE, Tone.GREEN: GREEN,
+    Tone.PINK: PURPLE, Tone.YELLOW: ORANGE, Tone.SKY: SKY,
+}  # fmt: skip
+"""Tones on white paper."""
+MODELS: Final = tuple(COLOURS[tone] for tone in TONES)
 """Colours of models side by side, in the order given; measurements are black."""
 MODEL_COLOURS: Final = ("Orange", "Blue", "Green", "Pink", "Yellow", "Light blue")
 """What a reader calls them."""
 
-MOST_POINTS: Final = 6000
-"""Points of one line beyond which only an envelope is drawn: more would not be seen."""
-
-_PREFIXES: Final = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-_NEVER: Final = frozenset({"1", "s", "rad", "K", "kg"})
 _SETTINGS: Final[dict[Any, Any]] = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
@@ -99,21 +101,6 @@ def figure(
     return made, list(grid.ravel())
 
 
-def prefixed(unit: str, *values: FloatArray) -> tuple[float, str]:
-    """Factor and unit that bring the largest of these SI values between 1 and 1000.
-
-    ``prefixed("m", array([2e-6]))`` gives ``(1e6, "µm")``.
-    """
-    largest = max((float(np.nanmax(np.abs(v))) for v in values if np.isfinite(v).any()), default=0)
-    if unit in _NEVER or largest == 0.0 or not unit[:1].isalpha():
-        return 1.0, unit
-    exponent = 3 * math.floor(math.log10(largest) / 3 + 1e-9)
-    exponent = min(max(exponent, -15), 9)
-    if unit.startswith("V") and -1.0 <= math.log10(largest) < 3.0:
-        exponent = 0  # nobody speaks of 500 mV next to 100 V
-    return 10.0**-exponent, f"{_PREFIXES[exponent]}{unit}"
-
-
 def plain_log_ticks(axis: Axis) -> None:
     """Numbers as people write them on a logarithmic axis: 0.1, 1, 10 instead of powers."""
     low, high = axis.get_view_interval()
@@ -133,22 +120,19 @@ def labelled(name: str, unit: str) -> str:
     return name if unit == "1" else f"{name} [{unit}]"
 
 
-def thinned(most: int, *signals: FloatArray) -> tuple[FloatArray, ...]:
-    """Signals of one length drawn with at most ``most`` points.
+def thinned(*signals: FloatArray) -> tuple[FloatArray, ...]:
+    """Signals of one length with as many points as a picture can show.
 
-    A window of samples is replaced by those at which the *last* signal is smallest and largest,
+    They are those at which the *last* signal is smallest and largest in its stretch of samples,
     so that no peak is lost; short signals come back as they are.
     """
-    count = signals[-1].size
-    if count <= most:
-        return signals
-    width = -(-2 * count // most)
-    whole = count // width
-    windows, rest = np.split(signals[-1], [whole * width])
-    windows = windows.reshape(whole, width)
-    first = np.arange(whole) * width
-    kept = [first + windows.argmin(axis=1), first + windows.argmax(axis=1), [0, count - 1]]
-    if rest.size:
-        kept.append(whole * width + np.array([rest.argmin(), rest.argmax()]))
-    places = np.unique(np.concatenate(kept))
-    return tuple(np.asarray(signal[places]) for signal in signals)
+    kept = outline([signals[-1]])
+    return tuple(signal if kept.size == signal.size else signal[kept] for signal in signals)
+
+
+def legend_below(made: Figure, axis: Axes) -> None:
+    # The only layout that makes room for a legend outside of all axes; it costs two more passes.
+    made.set_layout_engine("constrained")
+    handles, names = axis.get_legend_handles_labels()
+    fitting = max(1, 90 // (max(map(len, names)) + 8))
+    made.legend(handles, names, loc="outside lower center", ncols=min(fitting, len(names)))

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from piezo_opt.pictures.picture import prefixed
 from piezo_opt.report.style import (
     BLUE,
     ORANGE,
@@ -15,7 +16,6 @@ from piezo_opt.report.style import (
     VERMILLION,
     figure,
     labelled,
-    prefixed,
     styled,
 )
 from piezo_opt.video import Track

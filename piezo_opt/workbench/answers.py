@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from piezo_opt.effects import Effect
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.measurement import Check
+from piezo_opt.pictures import Picture
+from piezo_opt.pictures.places import pictures
 from piezo_opt.units import show
-from piezo_opt.workbench.places import Picture, pictures
 
 if TYPE_CHECKING:  # records are shown before the solvers are loaded
     from piezo_opt.diagnosis import Diagnosis
@@ -166,8 +167,8 @@ def fitted(fit: Fit, remarks: Sequence[str]) -> Fitted:
         "toml": model_file(fit),
     }
     places = tuple(
-        pictures(found, record.drive_unit)
-        for found, record in zip(entry.where, fit.records, strict=True)
+        pictures([("model", misfit, found)])
+        for misfit, found in zip(entry.misfits, entry.where, strict=True)
     )
     return Fitted(told, fit.readings, tuple(map(float, fit.trace.rms)), places)
 

@@ -23,19 +23,22 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from piezo_opt.errors import InputError, PiezoOptError
+from piezo_opt.pictures import Axis, Panel, Picture, Tone, Trace, plain
+from piezo_opt.pictures.places import picture
+from piezo_opt.pictures.records import Seen, loop, over_time
+from piezo_opt.pictures.thinning import envelope, stretches, window
 from piezo_opt.readers.files import LARGEST_FILE
-from piezo_opt.workbench.answers import Drive, FloatArray, Signals
+from piezo_opt.workbench.answers import Drive, Signals
 from piezo_opt.workbench.bench import Bench
 from piezo_opt.workbench.edits import edit_from_dict
 from piezo_opt.workbench.guard import Guard
 from piezo_opt.workbench.load import Load, Source
-from piezo_opt.workbench.places import picture
-from piezo_opt.workbench.traces import MOST_POINTS, envelope, outline, stretches, window
 from piezo_opt.workbench.worker import Kind
 
 _ASSETS: Final = {
     "": ("index.html", "text/html"),
     "workbench.js": ("workbench.js", "text/javascript"),
+    "pictures.js": ("pictures.js", "text/javascript"),
     "workbench.css": ("workbench.css", "text/css"),
     "uplot.js": ("uplot/uPlot.iife.min.js", "text/javascript"),
     "uplot.css": ("uplot/uPlot.min.css", "text/css"),
@@ -100,9 +103,10 @@ def application(bench: Bench, token: str, port: int) -> ASGIApp:
 
     async def drive(request: Request) -> Response:
         one = _drive(bench, request.query_params.get("number", ""))
-        time, (thin,) = envelope(one.time, [one.drive], MOST_POINTS // 4)
-        shown = {"time": _rounded(time, 9), "drive": _rounded(thin, 6), "unit": one.unit}
-        return Response(_json(shown), media_type="application/json")
+        time, (thin,) = envelope(one.time, [one.drive])
+        trace = Trace("", time, thin, Tone.BLUE)
+        shown = Picture((Panel("", Axis("time", "s"), Axis("drive", one.unit), (trace,)),))
+        return Response(_json(plain(shown)), media_type="application/json")
 
     async def download(request: Request) -> Response:
         return await _download(bench, request.path_params["what"])
@@ -231,35 +235,27 @@ def _brushed(bench: Bench, asked: Mapping[str, str]) -> str:
 
 
 def _view(bench: Bench, asked: Mapping[str, str]) -> str:
-    """Curves of one record between two instants, thinned for a screen."""
+    """Pictures of one record between two instants, thinned for a screen."""
     index, (time, drive, position) = _signals(bench, asked)
     begin, end = (float(asked[k]) if k in asked else None for k in ("begin", "end"))
     if any(v is not None and not math.isfinite(v) for v in (begin, end)):
         raise InputError("A stretch of time has two ends, in seconds.")
     assert bench.looked is not None
     part = window(time, begin, end)
-    names, signals = ["drive", "position"], [drive[part], position[part]]
-    fit = bench.fits.get(bench.shown)
-    if fit is not None:
-        names += ["model", "residual"]
-        left = np.where(bench.looked.counted[index], position - fit.readings[index], np.nan)
-        signals += [fit.readings[index][part], left[part]]
-    score = bench.scores.get(bench.shown)
-    if score is not None and asked.get("suspect") in score.curves:
-        names.append("suspect")
-        signals.append(score.curves[asked["suspect"]][index][part])
-    clock, thin = envelope(time[part], signals)
-    plane = signals[1:3]
-    kept = outline([drive[part], plane[-1]], MOST_POINTS)
+    units = bench.looked.told["records"][index]["units"]
+    fit, score = bench.fits.get(bench.shown), bench.scores.get(bench.shown)
+    name = asked.get("suspect", "")
+    seen = Seen(
+        time[part], drive[part], position[part], bench.looked.counted[index][part],
+        units["drive"], units["position"],
+        [] if fit is None else [("modelled", fit.readings[index][part])],
+        None if score is None or name not in score.curves
+        else (f"what {name} would explain of it", score.curves[name][index][part]),
+    )  # fmt: skip
     return _json(
         {
-            "time": _rounded(clock, 9),
-            **{name: _rounded(one, 6) for name, one in zip(names, thin, strict=True)},
-            "plane": {
-                "drive": _rounded(drive[part][kept], 6),
-                "position": _rounded(plane[0][kept], 6),
-                "model": _rounded(plane[1][kept], 6) if fit is not None else None,
-            },
+            "time": plain(over_time(seen, "")),
+            "plane": plain(loop(seen)),
             "samples": int(part.stop - part.start),
         }
     )
@@ -274,21 +270,7 @@ def _place(bench: Bench, asked: Mapping[str, str]) -> str:
     if not index.isdecimal() or int(index) >= len(fit.places):
         raise InputError(f"There is no record number {index}.")
     views = fit.places[int(index)]
-    shown = picture(views, asked.get("by", "branch"))
-    return _json(
-        {
-            "views": list(views),
-            "across": shown.across,
-            "unit": shown.unit,
-            "x": _rounded(shown.x, 6),
-            "up": shown.up,
-            "up_unit": shown.up_unit,
-            "logarithmic": shown.logarithmic,
-            "curves": [
-                {"label": one.label, "values": _rounded(one.values, 6)} for one in shown.curves
-            ],
-        }
-    )
+    return _json({"views": list(views), **plain(picture(views, asked.get("by", "branch")))})
 
 
 async def _download(bench: Bench, what: str) -> Response:
@@ -334,12 +316,6 @@ def _file(data: str | bytes, name: str, kind: str) -> Response:
 def _json(data: Any) -> str:
     """JSON without NaN or infinity: what is not known is null."""
     return json.dumps(_plain(data), allow_nan=False, separators=(",", ":"))
-
-
-def _rounded(signal: FloatArray, digits: int) -> FloatArray:
-    """Numbers with so many digits of the largest one: more would only be sent, not seen."""
-    most = float(np.nanmax(np.abs(signal), initial=0.0))
-    return signal if most == 0.0 else np.round(signal, digits - 1 - math.floor(math.log10(most)))
 
 
 def _plain(data: Any) -> Any:

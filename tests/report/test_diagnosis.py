@@ -15,7 +15,7 @@ import piezo_opt as po
 from piezo_opt.diagnosis import Diagnosis
 from piezo_opt.diagnosis.structure import Structure
 from piezo_opt.diagnosis.told import Rival
-from piezo_opt.report import chapter, diagnosis_figures, write_report
+from piezo_opt.report import chapter, diagnosis_figures, figures, write_report
 from piezo_opt.report.page import Heading, Lead, Picture, Points, Table
 from problems import hidden_effect, thesis_diagnosis
 
@@ -105,10 +105,10 @@ def test_suspects_are_bars_of_what_they_explain(creeping: Diagnosis) -> None:
 def test_the_zoom_shows_where_the_error_is_largest() -> None:
     error = np.full(1000, 1e-9)
     error[700:720] = 1e-6
-    part = diagnosis_figures.window(error)
+    part = figures.window(error)
     assert part.stop - part.start == 40
     assert part.start <= 700 < 720 <= part.stop
-    assert diagnosis_figures.window(error[:7]) == slice(0, 7)
+    assert figures.window(error[:7]) == slice(0, 7)
 
 
 @pytest.mark.parametrize(

@@ -85,13 +85,14 @@ def test_a_user_sees_what_is_missing_adds_it_and_takes_the_script_away(
             page.select_option("#by", view)
             page.wait_for_function("document.querySelector('#place canvas') !== null")
             page.wait_for_timeout(200)
-            assert _coloured(page, "place", (0, 114, 178)) > 100
+            assert _coloured(page, "place", (213, 94, 0)) > 100
         page.click("#undo")
         page.wait_for_selector("body[data-depth='0']")
         page.keyboard.press("r")
         page.wait_for_selector("body[data-depth='1'][data-scored='yes']")
 
         # A stretch that is brushed in one picture is looked at in all.
+        page.locator("#overlay").scroll_into_view_if_needed()
         box = page.locator("#overlay .u-over").bounding_box()
         assert box is not None
         page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 40)
@@ -105,6 +106,7 @@ def test_a_user_sees_what_is_missing_adds_it_and_takes_the_script_away(
 
         # Half of the plane: when the record was there is shaded over time.
         page.keyboard.press("0")
+        page.locator("#plane").scroll_into_view_if_needed()
         box = page.locator("#plane .u-over").bounding_box()
         assert box is not None
         page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 2)

@@ -90,29 +90,32 @@ def test_a_story_gives_a_script_with_exactly_its_numbers(
     assert "bouc_wen" not in suspects
     # The curve of a suspect lies over the residual and explains the share that is told.
     view = page.get("view", params={"suspect": "creep"}).json()
-    left, curve = np.array(view["residual"]), np.array(view["suspect"])
+    above, below = view["time"]["panels"]
+    assert [trace["label"] for trace in above["traces"]] == ["measured", "modelled"]
+    left, curve = (np.array(trace["y"]) for trace in below["traces"])
     assert 1 - np.sum((left - curve) ** 2) / np.sum(left**2) == pytest.approx(
         suspects["creep"]["explains"], rel=1e-3
     )
+    assert left == pytest.approx(
+        below["up"]["factor"] / above["up"]["factor"]
+        * (np.array(above["traces"][0]["y"]) - np.array(above["traces"][1]["y"])),
+        abs=1e-2,
+    )  # fmt: skip
 
-    # By branch: bins of one drive, whose means weighted by their samples are that of the residual.
+    # By branch: all points, and the means of bins, which lie in the middle of them.
     place = page.get("place", params={"by": "branch"}).json()
-    assert [curve["label"] for curve in place["curves"]] == ["rising", "falling"]
-    drive = np.array(view["drive"])
-    turned = np.concatenate([[1.0], np.sign(np.diff(drive))])
-    for sign, curve in zip((1.0, -1.0), place["curves"], strict=True):
-        assert np.average(left[turned == sign]) == pytest.approx(
-            np.average(
-                curve["values"],
-                weights=np.histogram(drive[turned == sign], _edges(place["x"]))[0],
-            ),
-            abs=0.1 * left.std(),
-        )
+    drive = np.array(view["plane"]["panels"][0]["traces"][0]["x"])
+    counts = [len(panel["traces"][0]["y"]) for panel in place["panels"]]
+    assert sum(counts) == drive.size == left.size
+    for panel in place["panels"]:
+        points, means = (np.array(trace["y"]) for trace in panel["traces"])
+        at = np.histogram(panel["traces"][0]["x"], _edges(panel["traces"][1]["x"]))[0]
+        assert np.average(means, weights=at) == pytest.approx(points.mean(), abs=0.1 * left.std())
     assert set(place["views"]) == {"branch", "amplitude", "time", "frequency", "events"}
     half = {"left": float(np.median(drive)), "right": 1e3, "low": -1.0, "high": 1.0}
     inside = page.get("brushed", params=half).json()
     assert inside["samples"] == int(np.sum(drive >= half["left"]))
-    clock = np.array(view["time"])
+    clock = np.array(above["x"])
     shaded = sum(
         int(np.sum((clock >= begin) & (clock <= end))) for begin, end in inside["stretches"]
     )
@@ -198,8 +201,10 @@ def test_drives_that_would_tell_more_can_be_seen_and_played(page: Page) -> None:
     lines = page.get("download/drive-0.csv").text.splitlines()
     head = next(k for k, line in enumerate(lines) if line.startswith("time [s]"))
     clock, drive = np.loadtxt(lines[head + 1 :], delimiter=",", usecols=(0, 1), unpack=True)
-    assert (min(shown["drive"]), max(shown["drive"])) == pytest.approx((drive.min(), drive.max()))
-    assert shown["time"][-1] == pytest.approx(clock[-1])
+    (panel,) = shown["panels"]
+    values = panel["traces"][0]["y"]
+    assert (min(values), max(values)) == pytest.approx((drive.min(), drive.max()))
+    assert panel["x"][-1] == pytest.approx(clock[-1])
     # It stays within what was played.
     assert drive.min() >= -1e-9
     assert drive.max() <= 94.1
@@ -277,7 +282,7 @@ def test_the_own_page_is_answered_and_may_load_nothing_from_elsewhere(page: Page
     policy = answer.headers["content-security-policy"]
     assert "default-src 'none'" in policy
     assert "unsafe" not in policy
-    for name in ("workbench.js", "workbench.css", "uplot.js", "uplot.css"):
+    for name in ("workbench.js", "pictures.js", "workbench.css", "uplot.js", "uplot.css"):
         text = page.get(f"assets/{name}").text
         assert "innerHTML" not in text or name == "uplot.js"
         assert "http://" not in text.replace("http://www.w3.org", "")

@@ -29,11 +29,6 @@ function prefixed(unit, largest) {
   return [10 ** -exponent, PREFIX[exponent] + unit];
 }
 
-function digits(x, n = 4) {
-  if (x !== 0 && (Math.abs(x) < 1e-3 || Math.abs(x) >= 1e6)) return Number(x.toPrecision(n)).toExponential();
-  return Number(x.toPrecision(n)).toString();
-}
-
 function show(value, unit) {
   if (value === null || value === undefined) return "unknown";
   const [factor, name] = prefixed(unit, Math.abs(value));
@@ -54,7 +49,8 @@ const scaled = (list, factor) => list.map((x) => (x === null ? null : x * factor
 // ---------------------------------------------------------------- what is known
 
 let state = null;
-let view = null; // curves of the stretch that is looked at
+let view = null; // pictures of the stretch that is looked at
+let placed = null; // and of where the residual lives
 let span = null; // [begin, end] of that stretch, or null for the whole
 let suspect = ""; // whose curve lies over the residual
 let record = 0;
@@ -80,80 +76,40 @@ function problem(sentence) {
 
 // ---------------------------------------------------------------- curves
 
-const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const whole = () => state.records.records[record].span;
 
-function axis(label, about) {
-  return {
-    label, stroke: css("--ink"), labelSize: 18, labelFont: "12px system-ui", font: "11px system-ui",
-    grid: { stroke: css("--line"), width: 1 }, ticks: { stroke: css("--line"), width: 1 }, ...about,
+function put(key, panel, about, ends) {
+  // A panel in its place: new numbers where it looks as before, another plot where it does not.
+  if (plots[key] && plots[key].likeness === likeness(panel)) { plots[key].renew(panel, ends); return; }
+  if (plots[key]) plots[key].destroy();
+  plots[key] = drawn($(key), panel, about);
+  if (ends) plots[key].renew(panel, ends);
+}
+
+function build() {
+  for (const plot of Object.values(plots)) plot.destroy();
+  plots = {};
+  draw();
+  drawPlace();
+}
+
+function draw() {
+  if (!view || !state.records) return;
+  const [above, below] = view.time.panels, factor = above.across.factor;
+  const ends = (span || whole()).map((t) => t * factor);
+  const overTime = {
+    sync: "time", onSelect: (picked) => look(picked && picked.map((t) => t / factor)),
+    marks: () => marks.map((pair) => pair.map((t) => t * factor)),
   };
-}
-
-function overTime(key, yLabel, series) {
-  const where = $(key);
-  const options = {
-    width: where.clientWidth, height: where.clientHeight - 26,
-    scales: { x: { time: false } },
-    axes: [axis("time [s]", { size: 34 }), axis(yLabel, { size: 54, space: 24 })],
-    series: [{ label: "time [s]" }, ...series],
-    cursor: {
-      sync: { key: "time" }, drag: { x: true, y: false, setScale: false },
-      bind: { dblclick: () => () => { look(null); } },
-    },
-    hooks: {
-      drawClear: [(u) => {
-        u.ctx.save();
-        u.ctx.globalAlpha = 0.25; u.ctx.fillStyle = css("--suspect");
-        for (const [begin, end] of marks) {
-          const from = Math.max(u.valToPos(begin, "x", true), u.bbox.left);
-          const to = Math.min(u.valToPos(end, "x", true), u.bbox.left + u.bbox.width);
-          if (to > from) u.ctx.fillRect(from, u.bbox.top, Math.max(to - from, 1), u.bbox.height);
-        }
-        u.ctx.restore();
-      }],
-      setSelect: [(u) => {
-        if (u.select.width < 4) return;
-        const ends = [u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x")];
-        u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
-        look(ends);
-      }],
-    },
-  };
-  return new uPlot(options, [[], ...series.map(() => [])], where);
-}
-
-function drawn(u, index) {
-  // A curve in the plane: its points in the order in which they were played.
-  uPlot.orient(u, index, (series, xs, ys, scaleX, scaleY, toX, toY, left, top, width, height) => {
-    const [x, y] = u.data[index];
-    const path = new Path2D();
-    let open = false;
-    for (let k = 0; k < x.length; k++) {
-      if (y[k] === null) { open = false; continue; }
-      const a = toX(x[k], scaleX, width, left), b = toY(y[k], scaleY, height, top);
-      if (open) path.lineTo(a, b); else path.moveTo(a, b);
-      open = true;
-    }
-    u.ctx.save();
-    u.ctx.beginPath(); u.ctx.rect(left, top, width, height); u.ctx.clip();
-    u.ctx.strokeStyle = series.stroke(u, index); u.ctx.lineWidth = 1.5 * devicePixelRatio;
-    u.ctx.stroke(path);
-    u.ctx.restore();
-  });
-  return null;
-}
-
-function inPlane(xLabel, yLabel) {
-  const where = $("plane");
-  const facets = () => [{ scale: "x", auto: true }, { scale: "y", auto: true }];
-  return new uPlot({
-    mode: 2, width: where.clientWidth, height: where.clientHeight - 4,
-    legend: { show: false }, cursor: { show: false },
-    scales: { x: { time: false }, y: {} },
-    axes: [axis(xLabel, { size: 34 }), axis(yLabel, { size: 54, space: 24 })],
-    series: [{}, { facets: facets(), stroke: css("--measured"), paths: drawn },
-      { facets: facets(), stroke: css("--model"), paths: drawn }],
-  }, [null, [[], []], [[], []]], where);
+  put("overlay", above, overTime, ends);
+  $("residual-part").hidden = !state.fit;
+  if (state.fit) put("residual", below, overTime, ends);
+  const fresh = plots.plane;
+  put("plane", { ...view.plane.panels[0], title: "" }, {});
+  if (plots.plane !== fresh) brushable(plots.plane.plot);
+  $("shown").textContent = suspect && below.traces.length > 1 ? `and what ${suspect} would explain of it` : "";
+  $("span").textContent = span ? `${digits(span[0])} s to ${digits(span[1])} s, ${view.samples} samples` : `${view.samples} samples`;
+  drawError();
 }
 
 function brushable(u) {
@@ -177,7 +133,7 @@ function brushable(u) {
     const [left, right, top, bottom] = corners(at(event));
     from = null;
     if (right - left < 4 || bottom - top < 4) { brush(null); return; }
-    const [position, drive] = [plots.units.position[0], plots.units.drive[0]];
+    const panel = view.plane.panels[0], [drive, position] = [panel.across.factor, panel.up.factor];
     brush({ left: u.posToVal(left, "x") / drive, right: u.posToVal(right, "x") / drive,
       low: u.posToVal(bottom, "y") / position, high: u.posToVal(top, "y") / position });
   });
@@ -192,92 +148,25 @@ async function brush(rectangle) {
   } else for (const box of document.querySelectorAll("#plane .u-select")) Object.assign(box.style, { width: "0", height: "0" });
   marks = told.stretches;
   $("brushed").textContent = rectangle ? `${told.samples} samples inside` : "";
-  for (const key of ["overlay", "residual"]) if (plots[key]) plots[key].redraw(false, true);
-}
-
-function ticks(low, high) {
-  // Round numbers along a logarithmic axis: 1, 2, 5 of each decade, or even steps within one.
-  const even = (high - low) / 4, power = 10 ** Math.floor(Math.log10(even));
-  if (high / low < 10) {
-    const step = power * [1, 2, 5, 10].find((k) => k * power >= even);
-    return Array.from({ length: Math.floor(high / step) - Math.ceil(low / step) + 1 }, (_, k) => (Math.ceil(low / step) + k) * step);
-  }
-  const found = [];
-  for (let decade = 10 ** Math.floor(Math.log10(low)); decade <= high; decade *= 10)
-    for (const k of high / low < 1e3 ? [1, 2, 5] : [1]) if (k * decade >= low && k * decade <= high) found.push(k * decade);
-  return found;
-}
-
-function ofError(unit) {
-  const where = $("error");
-  return new uPlot({
-    width: where.clientWidth, height: where.clientHeight - 26,
-    // A logarithmic scale of its own choice would reach to whole decades.
-    scales: { x: { time: false }, y: { distr: 3, range: (u, low, high) => (low > 0 ? [low / 1.2, high * 1.2] : [1, 10]) } },
-    axes: [axis("iterate", { size: 34, incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] }),
-      axis(`rms error [${unit}]`, { size: 54, splits: (u, index, low, high) => ticks(low, high), filter: (u, all) => all, values: (u, all) => all.map((v) => (v === null ? "" : digits(v))) })],
-    series: [{ label: "iterate" },
-      { label: "rms", stroke: css("--model"), width: 2, points: { show: false } },
-      { label: "step", stroke: css("--suspect"), width: 0, points: { show: true, size: 8, fill: css("--suspect") } }],
-    cursor: { drag: { x: false, y: false } },
-  }, [[], [], []], where);
-}
-
-function build() {
-  for (const plot of Object.values(plots)) plot.destroy();
-  plots = {};
-  if (!view || !state.records) return;
-  const units = state.records.records[record].units;
-  const [position, drive] = [units.position, units.drive];
-  const at = {
-    position: prefixed(position, largest(view.position, view.model)),
-    residual: prefixed(position, largest(view.residual, view.suspect)),
-    drive: prefixed(drive, largest(view.plane.drive)),
-    error: prefixed(position, largest(...state.steps.map((s) => s.trace), live)),
-  };
-  const line = (label, colour, about) => ({ label, stroke: css(colour), width: 1.5, points: { show: false }, ...about });
-  plots.units = { destroy() {}, ...at, key: JSON.stringify(at) };
-  plots.overlay = overTime("overlay", `displacement [${at.position[1]}]`,
-    [line("measured", "--measured"), line("modelled", "--model")]);
-  plots.residual = overTime("residual", `residual [${at.residual[1]}]`,
-    [line("residual", "--residual", { width: 1 }), line("suspect", "--suspect", { width: 2 })]);
-  plots.plane = inPlane(`drive [${at.drive[1]}]`, `displacement [${at.position[1]}]`);
-  brushable(plots.plane);
-  plots.error = ofError(at.error[1]);
-  draw();
-  place();
-}
-
-function draw() {
-  if (!plots.overlay) return;
-  const at = plots.units, none = view.time.map(() => null);
-  const set = (plot, ...rows) => {
-    plot.batch(() => {
-      plot.setData([view.time, ...rows], false);
-      plot.setScale("x", { min: span ? span[0] : view.time[0], max: span ? span[1] : view.time[view.time.length - 1] });
-    });
-  };
-  set(plots.overlay, scaled(view.position, at.position[0]), view.model ? scaled(view.model, at.position[0]) : none);
-  set(plots.residual, view.residual ? scaled(view.residual, at.residual[0]) : none,
-    view.suspect ? scaled(view.suspect, at.residual[0]) : none);
-  const p = view.plane, x = scaled(p.drive, at.drive[0]);
-  plots.plane.setData([null, [x, scaled(p.position, at.position[0])],
-    p.model ? [x, scaled(p.model, at.position[0])] : [[], []]]);
-  $("shown").textContent = suspect && view.suspect ? `and what ${suspect} would explain of it` : "";
-  $("span").textContent = span ? `${digits(span[0])} s to ${digits(span[1])} s, ${view.samples} samples` : `${view.samples} samples`;
-  drawError();
+  for (const key of ["overlay", "residual"]) if (plots[key]) plots[key].redraw();
 }
 
 function drawError() {
-  if (!plots.error) return;
+  // The errors of every iterate of the steps that hold, and of the one that is being solved.
+  $("error-part").hidden = !state.steps.length;
+  if (!state.steps.length) return;
   const rms = [], ends = [];
   const last = state.solving >= 0 ? state.solving - 1 : state.depth;
   state.steps.slice(0, last + 1).forEach((step) => {
     step.trace.forEach((value, k) => { rms.push(value); ends.push(k === step.trace.length - 1 ? value : null); });
   });
   live.forEach((value) => { rms.push(value); ends.push(null); });
-  const factor = plots.units.error[0];
-  plots.error.setData([rms.map((_, k) => k + 1), scaled(rms, factor), scaled(ends, factor)]);
+  const [factor, unit] = prefixed(state.records.records[record].units.position, largest(rms));
+  put("error", {
+    title: "", across: { label: "iterate" }, up: { label: `rms error [${unit}]`, logarithmic: true }, x: rms.map((_, k) => k + 1),
+    traces: [{ label: "rms", y: scaled(rms, factor), tone: "vermillion", style: "line" },
+      { label: "step", y: scaled(ends, factor), tone: "blue", style: "cloud" }],
+  }, { across: { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000] } });
 }
 
 async function place() {
@@ -286,31 +175,31 @@ async function place() {
   if ($("place-part").hidden) return;
   const answer = await fetch("place?" + new URLSearchParams({ record, by: $("by").value }));
   if (!answer.ok) { problem((await answer.json()).sentence); return; }
-  const told = await answer.json(), where = $("place");
-  for (const option of $("by").options) option.disabled = !told.views.includes(option.value);
+  placed = await answer.json();
+  for (const option of $("by").options) option.disabled = !placed.views.includes(option.value);
+  drawPlace();
+}
+
+function drawPlace() {
+  $("place-part").hidden = !state || !state.fit;
+  if ($("place-part").hidden || !placed) return;
+  const where = $("place"), count = placed.panels.length;
   if (plots.place) plots.place.destroy();
-  const [factor, unit] = prefixed(told.up_unit, largest(...told.curves.map((c) => c.values)));
-  const colours = [css("--suspect"), css("--model"), css("--quiet")];
-  const spread = told.curves.length === 3; // one curve between its two limits
-  const numbers = (u, all) => all.map((v) => (v === null ? "" : digits(v)));
-  plots.place = new uPlot({
-    width: where.clientWidth, height: where.clientHeight - 26,
-    scales: { x: { time: false, distr: told.logarithmic ? 3 : 1 }, y: { distr: told.logarithmic === "both" ? 3 : 1 } },
-    axes: [axis(`${told.across} [${told.unit}]`, { size: 34, values: numbers }), axis(`${told.up} [${unit}]`, { size: 60, space: 24, values: numbers })],
-    series: [{ label: told.across }, ...told.curves.map((c, k) => ({
-      label: c.label, stroke: colours[spread && k ? 2 : k], width: spread && k ? 1 : 2,
-      dash: spread && k ? [4, 4] : k === 1 ? [8, 3] : undefined,
-      points: { show: told.x.length < 40 && !(spread && k), size: 6 } }))],
-    cursor: { drag: { x: false, y: false } },
-  }, [told.x, ...told.curves.map((c) => scaled(c.values, factor))], where);
+  where.classList.toggle("beside", placed.beside);
+  where.style.height = placed.beside || count === 1 ? "" : `calc(${count} * max(190px, 26vh))`;
+  const parts = placed.panels.map(() => el("div", {}));
+  fill(where, ...parts);
+  const height = (placed.beside ? where.clientHeight : where.clientHeight / count) - 24;
+  const made = placed.panels.map((panel, k) => drawn(parts[k], panel, { height }));
+  plots.place = { destroy() { made.forEach((one) => one.destroy()); fill(where); } };
 }
 
 async function look(ends) {
   if (!state || !state.records) return;
   if (ends === null && marks.length) brush(null);
   if (ends !== undefined) {
-    const whole = state.records.records[record].span;
-    span = ends && [Math.max(ends[0], whole[0]), Math.min(ends[1], whole[1])];
+    const all = whole();
+    span = ends && [Math.max(ends[0], all[0]), Math.min(ends[1], all[1])];
     if (span && !(span[1] > span[0])) span = null;
   }
   const mine = ++asked;
@@ -321,22 +210,15 @@ async function look(ends) {
   if (mine !== asked) return; // a later one is on its way
   if (!answer.ok) { problem((await answer.json()).sentence); return; }
   view = await answer.json();
-  const units = state.records.records[record].units;
-  const now = JSON.stringify({
-    position: prefixed(units.position, largest(view.position, view.model)),
-    residual: prefixed(units.position, largest(view.residual, view.suspect)),
-    drive: prefixed(units.drive, largest(view.plane.drive)),
-    error: prefixed(units.position, largest(...state.steps.map((s) => s.trace), live)),
-  });
-  if (!plots.overlay || plots.units.key !== now) build(); else draw();
+  draw();
 }
 
 function move(shift, zoom) {
   if (!state || !state.records) return;
-  const whole = state.records.records[record].span;
-  const [a, b] = span || whole, middle = (a + b) / 2 + shift * (b - a), half = ((b - a) / 2) * zoom;
-  if (2 * half >= whole[1] - whole[0]) { look(null); return; }
-  const begin = Math.min(Math.max(middle - half, whole[0]), whole[1] - 2 * half);
+  const all = whole();
+  const [a, b] = span || all, middle = (a + b) / 2 + shift * (b - a), half = ((b - a) / 2) * zoom;
+  if (2 * half >= all[1] - all[0]) { look(null); return; }
+  const begin = Math.min(Math.max(middle - half, all[0]), all[1] - 2 * half);
   look([begin, begin + 2 * half]);
 }
 
@@ -460,13 +342,7 @@ async function preview(number, where) {
   if (where.children.length) { where.replaceChildren(); return; }
   const answer = await fetch("drive?" + new URLSearchParams({ number }));
   if (!answer.ok) { problem((await answer.json()).sentence); return; }
-  const told = await answer.json();
-  new uPlot({
-    width: where.clientWidth, height: 130, legend: { show: false }, cursor: { show: false },
-    scales: { x: { time: false } },
-    axes: [axis("time [s]", { size: 30 }), axis(`drive [${told.unit}]`, { size: 46, space: 24 })],
-    series: [{}, { stroke: css("--suspect"), width: 1, points: { show: false } }],
-  }, [told.time, told.drive], where);
+  drawn(where, (await answer.json()).panels[0], { height: 150 });
 }
 
 function planPart(busy) {
@@ -526,7 +402,7 @@ function render(next) {
   const names = (next.scores ? next.scores.suspects : []).map((s) => s.name);
   if (suspect && !names.includes(suspect)) suspect = "";
   recordsPart(); modelPart(); rightPart(); status();
-  if (!next.records) { view = null; build(); } else look();
+  if (!next.records) { view = placed = null; build(); } else look();
   if (!before || before.shown !== next.shown || !before.fit !== !next.fit) place();
 }
 

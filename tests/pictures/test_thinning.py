@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from piezo_opt.workbench.traces import MOST_POINTS, envelope, outline, stretches, window
+from piezo_opt.pictures.thinning import MOST_POINTS, envelope, outline, stretches, window
 
 
 @pytest.mark.parametrize("count", [4001, 7999, 8001, 123_457])
