@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 import webbrowser
 from pathlib import Path
@@ -79,8 +80,5 @@ def _unnamed() -> Path:
     folder = own_directory() / "workbench"
     folder.mkdir(mode=0o700, exist_ok=True)
     stem = time.strftime("session-%Y%m%d-%H%M%S")
-    number, file = 1, folder / f"{stem}.json"
-    while file.exists():
-        number += 1
-        file = folder / f"{stem}-{number}.json"
-    return file
+    # The process is part of the name: two that begin in one second have two files.
+    return folder / f"{stem}-{os.getpid()}.json"

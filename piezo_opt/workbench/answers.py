@@ -11,16 +11,15 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.effects import Effect
-from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.measurement import Check
 from piezo_opt.pictures import Picture
 from piezo_opt.pictures.places import pictures
 from piezo_opt.units import show
 
-if TYPE_CHECKING:  # records are shown before the solvers are loaded
+if TYPE_CHECKING:  # records are shown before effects and solvers are loaded
     from piezo_opt.diagnosis import Diagnosis
     from piezo_opt.diagnosis.advice import Advice
+    from piezo_opt.effects import Effect
     from piezo_opt.identification import Fit
 
 FloatArray = NDArray[np.float64]
@@ -175,6 +174,8 @@ def fitted(fit: Fit, remarks: Sequence[str]) -> Fitted:
 
 def _instead(one: Effect, fit: Fit) -> list[str]:
     """Effects of the same place that the model does not have."""
+    from piezo_opt.effects.catalogue import CATALOGUE
+
     return [
         name
         for name, kind in CATALOGUE.items()

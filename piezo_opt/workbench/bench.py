@@ -68,6 +68,7 @@ class Bench:
         self.plan: Planned | None = None
         self.sentences: tuple[str, ...] = ()
         self.problem = ""
+        self.unkept = ""
         self._listeners: set[asyncio.Queue[Event | None]] = set()
         self._job: Job | None = None
         self._waiting: list[Job] = []
@@ -177,7 +178,7 @@ class Bench:
             "file": str(self.file),
             "busy": "" if self._job is None else _NAMES[self._job.kind],
             "kind": "" if self._job is None else self._job.kind.value,
-            "problem": self.problem,
+            "problem": " ".join(filter(None, (self.problem, self.unkept))),
             "sentences": list(self.sentences),
             "load": self.session.load.to_dict(),
             "headers": list(self.headers),
@@ -222,6 +223,12 @@ class Bench:
         finally:
             self._listeners.discard(queue)
 
+    def let_go(self) -> None:
+        """Let go of the pages: a server that ends waits for those that listen."""
+        for queue in list(self._listeners):
+            with contextlib.suppress(asyncio.QueueFull):
+                queue.put_nowait(None)
+
     def close(self) -> None:
         """End the worker, and let go of the pages."""
         self._loop = None
@@ -230,9 +237,9 @@ class Bench:
             worker.process.kill()
             worker.process.join(5)
             worker.pipe.close()
-        for queue in self._listeners:
-            with contextlib.suppress(asyncio.QueueFull):
-                queue.put_nowait(None)
+        if self.unkept:
+            self._keep()
+        self.let_go()
 
     # Jobs
 
@@ -359,6 +366,8 @@ class Bench:
         """A job has ended; a step that could not be solved is taken back."""
         job, self._job = self._job, None
         self._solving, self._iterates = -1, []
+        if self.unkept:
+            self._keep()
         if job is None:
             return
         future = self._results.get(id(job))
@@ -383,7 +392,11 @@ class Bench:
         solved = max(self.fits, default=-1)
         if solved < 0:
             if self.session.edits:
-                self._keep_aside()
+                try:
+                    self._keep_aside()
+                except InputError as error:  # then its own file stays as it is
+                    self.problem = f"{self.problem} {error}"
+                    return
             self._set(replace(self.session, fitted=False, edits=(), depth=0))
         elif self._before.depth in self.fits:
             self.fits, self.scores = self._known
@@ -396,19 +409,26 @@ class Bench:
     def _set(self, session: Session) -> None:
         """The session is another one now: kept at once."""
         self.session = self._before = session
-        try:
-            session.save(self.file)
-        except InputError as error:
-            self.problem = f"The session is not kept: {error}"
+        self._keep()
         self._changed()
+
+    def _keep(self) -> None:
+        """Write the session to its file; where that fails it is said, and tried again later."""
+        try:
+            self.session.save(self.file)
+            self.unkept = ""
+        except InputError as error:
+            self.unkept = f"The session is not kept: {error}."
 
     def _keep_aside(self) -> None:
         """What was done with other records stays in a file of its own."""
         number = 1
         while (aside := self.file.with_name(f"{self.file.stem}-{number}.json")).exists():
             number += 1
-        with contextlib.suppress(InputError):
+        try:
             self.session.save(aside)
+        except InputError as error:
+            raise InputError(f"What was done so far could not be kept aside: {error}") from None
 
     def _changed(self) -> None:
         self.version += 1

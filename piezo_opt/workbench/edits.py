@@ -8,13 +8,12 @@ from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, final
 
 from piezo_opt.choosing import is_number
-from piezo_opt.effects import Effect, Model
-from piezo_opt.effects.catalogue import effect, model_from_dict
 from piezo_opt.errors import InputError, PiezoOptError
-from piezo_opt.values import Values
 
-if TYPE_CHECKING:  # a page is there before the solvers are loaded
+if TYPE_CHECKING:  # a page is there before effects and solvers are loaded
+    from piezo_opt.effects import Effect, Model
     from piezo_opt.identification import Fit, Identification
+    from piezo_opt.values import Values
 
 
 @final
@@ -238,6 +237,8 @@ class Adopt:
 
     def start(self, _: Fit) -> Values:
         """Where it begins."""
+        from piezo_opt.values import Values
+
         return Values(self.values)
 
     def code(self, fit: str) -> str:
@@ -254,6 +255,8 @@ class Adopt:
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> Adopt:
         """What :meth:`to_dict` gave."""
+        from piezo_opt.effects.catalogue import model_from_dict
+
         values = {str(name): _number(value) for name, value in data["values"].items()}
         return Adopt(model_from_dict(data["model"]), tuple(map(str, data["free"])), values)
 
@@ -309,6 +312,8 @@ def _written(one: Effect) -> dict[str, Any]:
 
 
 def _effect(data: object) -> Effect:
+    from piezo_opt.effects.catalogue import effect
+
     if isinstance(data, str):
         return effect(data)
     if not isinstance(data, Mapping) or not isinstance(data.get("effect"), str):

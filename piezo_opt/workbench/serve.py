@@ -7,6 +7,7 @@ import secrets
 import socket
 from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
 
 from piezo_opt.errors import InputError
 from piezo_opt.workbench.process import Worker
@@ -59,10 +60,18 @@ def serve(
             # From here on the system holds a connection until the server answers it.
             ready(f"http://127.0.0.1:{taken}/{token}/")
         # No log of requests: their addresses hold the token.
-        served = application(Bench(session, file, worker), token, taken)
+        bench = Bench(session, file, worker)
+
+        class Ending(uvicorn.Server):
+            """Lets the pages go when it is asked to end, or it would wait for them, and say so."""
+
+            def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+                super().handle_exit(sig, frame)
+                bench.let_go()
+
         config = uvicorn.Config(
-            served, log_level="error", access_log=False,
+            application(bench, token, taken), log_level="error", access_log=False,
             server_header=False, timeout_graceful_shutdown=1, ws="none",
         )  # fmt: skip
         with contextlib.suppress(KeyboardInterrupt):
-            uvicorn.Server(config).run(sockets=[listening])
+            Ending(config).run(sockets=[listening])

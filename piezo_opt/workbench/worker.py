@@ -19,7 +19,6 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeAlias, final
 
-from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.measurement import Check
 from piezo_opt.readers import headers
@@ -321,6 +320,7 @@ def _next(fit: Fit, send: Callable[[Message], None]) -> None:
     """The drives that would show what this record could not have shown."""
     from piezo_opt.diagnosis import diagnose
     from piezo_opt.diagnosis.advice import experiments
+    from piezo_opt.effects.catalogue import CATALOGUE
 
     noise = diagnose(fit, ladder=False).noise.rms
     offered = [e for kind in CATALOGUE.values() if not kind.structural for e in kind.entries()]

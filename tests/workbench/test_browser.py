@@ -5,18 +5,14 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-PATIENCE = 60_000
-"""[ms] A machine that is busy with other tests may take so long."""
+from tests.workbench.speed import CHROMIUM, PATIENCE, served
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 
@@ -26,23 +22,6 @@ def address(record: Path, tmp_path: Path) -> Iterator[str]:
     """The page of the record that is made here."""
     with served(record, tmp_path) as found:
         yield found
-
-
-@contextmanager
-def served(record: Path, folder: Path) -> Iterator[str]:
-    """A server in a process of its own, as a user starts it, and its address."""
-    command = [
-        sys.executable, "-m", "piezo_opt", "workbench", str(record), "--no-browser",
-        "--session", str(folder / "session.json"),
-    ]  # fmt: skip
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
-        assert server.stdout is not None
-        try:
-            found = re.search(r"http://127\.0\.0\.1:\d+/\S+", server.stdout.readline())
-            assert found is not None
-            yield found[0]
-        finally:
-            server.terminate()
 
 
 def test_a_user_sees_what_is_missing_adds_it_and_takes_the_script_away(
@@ -83,7 +62,7 @@ def test_a_user_sees_what_is_missing_adds_it_and_takes_the_script_away(
         assert _coloured(page, "error", (213, 94, 0)) > 100
         for view in ("frequency", "events", "branch"):
             page.select_option("#by", view)
-            page.wait_for_function("document.querySelector('#place canvas') !== null")
+            page.wait_for_selector("#place canvas")
             page.wait_for_timeout(200)
             assert _coloured(page, "place", (213, 94, 0)) > 100
         page.click("#undo")

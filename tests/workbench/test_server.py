@@ -219,6 +219,7 @@ def test_a_killed_worker_is_told_and_the_next_click_goes_on(page: Page) -> None:
     assert page.do("find").status_code == 200
     worker = page.bench._worker
     assert worker is not None
+    assert worker.process.pid is not None
     os.kill(worker.process.pid, signal.SIGKILL)
     state = page.state()
     assert "has died (-9); nothing is lost" in state["problem"]

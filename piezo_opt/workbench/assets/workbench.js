@@ -59,14 +59,35 @@ let plots = {};
 let asked = 0;
 let marks = []; // stretches of time that were brushed in the plane
 
+const SILENT = "The server does not answer: start it again with --session; every step is in its file.";
+
+async function ask(path, options) {
+  // What the server answers, or null: then the reason is told.
+  let sentence = SILENT;
+  try {
+    const answer = await fetch(path, options);
+    if (answer.ok) return await answer.json();
+    sentence = (await answer.json()).sentence;
+  } catch (error) { /* there is no server, or it ended within its answer */ }
+  problem(sentence);
+  return null;
+}
+
 async function post(body) {
-  const answer = await fetch("do", {
-    method: "POST",
-    headers: { "content-type": "application/json" },
-    body: JSON.stringify({ version: state.version, ...body }),
-  });
-  if (!answer.ok) problem((await answer.json()).sentence);
-  else problem("");
+  const options = { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ version: state.version, ...body }) };
+  if (await ask("do", options)) problem("");
+}
+
+async function takeAway(link) {
+  // A file that could not be made is a sentence on the page, not a failed download.
+  try {
+    const answer = await fetch(link.href);
+    if (!answer.ok) { problem((await answer.json()).sentence); return; }
+    const [, name] = /filename="([^"]+)"/.exec(answer.headers.get("content-disposition"));
+    const url = URL.createObjectURL(await answer.blob());
+    el("a", { href: url, download: name }).click();
+    setTimeout(() => URL.revokeObjectURL(url), 60000);
+  } catch (error) { problem(SILENT); }
 }
 
 function problem(sentence) {
@@ -142,9 +163,8 @@ function brushable(u) {
 async function brush(rectangle) {
   let told = { stretches: [], samples: 0 };
   if (rectangle) {
-    const answer = await fetch("brushed?" + new URLSearchParams({ record, ...rectangle }));
-    if (!answer.ok) { problem((await answer.json()).sentence); return; }
-    told = await answer.json();
+    told = await ask("brushed?" + new URLSearchParams({ record, ...rectangle }));
+    if (!told) return;
   } else for (const box of document.querySelectorAll("#plane .u-select")) Object.assign(box.style, { width: "0", height: "0" });
   marks = told.stretches;
   $("brushed").textContent = rectangle ? `${told.samples} samples inside` : "";
@@ -173,9 +193,9 @@ async function place() {
   // Where the residual lives: asked for again whenever another fit or record is shown.
   $("place-part").hidden = !state || !state.fit;
   if ($("place-part").hidden) return;
-  const answer = await fetch("place?" + new URLSearchParams({ record, by: $("by").value }));
-  if (!answer.ok) { problem((await answer.json()).sentence); return; }
-  placed = await answer.json();
+  const told = await ask("place?" + new URLSearchParams({ record, by: $("by").value }));
+  if (!told) return;
+  placed = told;
   for (const option of $("by").options) option.disabled = !placed.views.includes(option.value);
   drawPlace();
 }
@@ -206,10 +226,9 @@ async function look(ends) {
   const query = new URLSearchParams({ record });
   if (span) { query.set("begin", span[0]); query.set("end", span[1]); }
   if (suspect) query.set("suspect", suspect);
-  const answer = await fetch("view?" + query);
-  if (mine !== asked) return; // a later one is on its way
-  if (!answer.ok) { problem((await answer.json()).sentence); return; }
-  view = await answer.json();
+  const told = await ask("view?" + query);
+  if (!told || mine !== asked) return; // a later one is on its way
+  view = told;
   draw();
 }
 
@@ -340,9 +359,8 @@ function rightPart() {
 
 async function preview(number, where) {
   if (where.children.length) { where.replaceChildren(); return; }
-  const answer = await fetch("drive?" + new URLSearchParams({ number }));
-  if (!answer.ok) { problem((await answer.json()).sentence); return; }
-  drawn(where, (await answer.json()).panels[0], { height: 150 });
+  const told = await ask("drive?" + new URLSearchParams({ number }));
+  if (told) drawn(where, told.panels[0], { height: 150 });
 }
 
 function planPart(busy) {
@@ -419,7 +437,7 @@ source.addEventListener("iterate", (event) => {
   drawError();
 });
 source.addEventListener("said", (event) => { $("status").textContent = JSON.parse(event.data); });
-source.addEventListener("error", () => { if (state) $("status").textContent = "The server does not answer: start it again with --session."; });
+source.addEventListener("error", () => { if (state) $("status").textContent = SILENT; });
 
 $("undo").addEventListener("click", () => post({ do: "undo" }));
 $("redo").addEventListener("click", () => post({ do: "redo" }));
@@ -442,13 +460,20 @@ if (matchMedia("(prefers-color-scheme: dark)").matches) document.documentElement
 async function send(file) {
   if (!file) return;
   $("status").textContent = "Sending the file …";
-  const answer = await fetch("upload?" + new URLSearchParams({ name: file.name }), { method: "POST", body: file });
-  problem(answer.ok ? "" : (await answer.json()).sentence);
+  if (await ask("upload?" + new URLSearchParams({ name: file.name }), { method: "POST", body: file })) problem("");
+  $("file").value = ""; // the same one can be chosen again
 }
 $("file").addEventListener("change", (event) => send(event.target.files[0]));
 for (const name of ["dragover", "dragenter"]) addEventListener(name, (event) => { event.preventDefault(); $("drop").classList.add("over"); });
 addEventListener("dragleave", () => $("drop").classList.remove("over"));
 addEventListener("drop", (event) => { event.preventDefault(); $("drop").classList.remove("over"); send(event.dataTransfer.files[0]); });
+
+addEventListener("click", (event) => {
+  const link = event.target.closest("a[download]");
+  if (!link) return;
+  event.preventDefault();
+  takeAway(link);
+});
 
 addEventListener("keydown", (event) => {
   if (/^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName) || event.ctrlKey || event.metaKey || event.altKey) return;
