@@ -409,6 +409,7 @@ class Bench:
     def _set(self, session: Session) -> None:
         """The session is another one now: kept at once."""
         self.session = self._before = session
+        self.version += 1
         self._keep()
         self._changed()
 
@@ -431,7 +432,6 @@ class Bench:
             raise InputError(f"What was done so far could not be kept aside: {error}") from None
 
     def _changed(self) -> None:
-        self.version += 1
         self._tell("state", self.state())
 
     def _tell(self, name: str, data: Any) -> None:

@@ -49,6 +49,7 @@ def test_a_user_sees_what_is_missing_adds_it_and_takes_the_script_away(
         page.wait_for_selector("body[data-depth='0'][data-scored='yes']")
         first = page.locator("#steps li").first.inner_text()
 
+        assert unreached(page) == []
         creep = page.locator("#suspects li[data-name='creep']")
         creep.hover()
         expect(page.locator("#shown")).to_have_text("and what creep would explain of it")
@@ -84,18 +85,30 @@ def test_a_user_sees_what_is_missing_adds_it_and_takes_the_script_away(
         assert 95 <= int(samples[1]) <= 106
 
         # Half of the plane: when the record was there is shaded over time.
-        page.keyboard.press("0")
-        page.locator("#plane").scroll_into_view_if_needed()
-        box = page.locator("#plane .u-over").bounding_box()
+        with page.expect_response("**/view?*"):
+            page.keyboard.press("0")
+        over = page.locator("#plane .u-over")
+        box = over.bounding_box()
         assert box is not None
-        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 2)
+        over.hover(position={"x": 0.5 * box["width"], "y": 2})
         page.mouse.down()
-        page.mouse.move(box["x"] + box["width"] - 2, box["y"] + box["height"] - 2, steps=4)
+        over.hover(position={"x": box["width"] - 2, "y": box["height"] - 2})
         page.mouse.up()
         expect(page.locator("#brushed")).to_contain_text("samples inside")
         found = re.search(r"(\d+) samples", page.locator("#brushed").inner_text())
         assert found is not None
         assert 100 < int(found[1]) < 300
+
+        # The same by keys: the right half, then a tenth less of the whole.
+        page.keyboard.press("Delete")
+        expect(page.locator("#brushed")).to_have_text("")
+        inside = []
+        for key in ("Enter", "Shift+ArrowLeft"):
+            with page.expect_response("**/brushed?*") as answer:
+                page.keyboard.press(key)
+            inside.append(answer.value.json()["samples"])
+        assert abs(inside[0] - int(found[1])) < 10
+        assert 0.5 * inside[0] < inside[1] < inside[0] - 5
 
         for name in ("Script", "JSON"):
             with page.expect_download() as download:
@@ -141,6 +154,24 @@ def test_the_story_on_the_loop_of_the_thesis(tmp_path: Path) -> None:
         assert errors[2] < 0.8 * errors[0]
         assert _coloured(page, "error", (213, 94, 0)) > 100
         browser.close()
+
+
+def unreached(page) -> list[str]:  # type: ignore[no-untyped-def]
+    """What can be clicked or filled in, and is not reached with the tabulator."""
+    there = """() => [...document.querySelectorAll(
+        "a, button, input, select, summary, .u-over[tabindex]"
+    )].filter((one) => one.checkVisibility() && !one.disabled)"""
+    page.evaluate(f"({there})().forEach((one, k) => one.dataset.key = k)")
+    count = page.evaluate(f"({there})().length")
+    page.locator("h1").click()
+    reached = set()
+    for _ in range(count + 10):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.dataset.key || ''"))
+    return [
+        page.evaluate(f"document.querySelector('[data-key=\"{key}\"]').outerHTML")
+        for key in sorted({str(k) for k in range(count)} - reached)
+    ]
 
 
 def _nanometres(text: str) -> float:

@@ -152,6 +152,8 @@ function drawn(where, panel, about = {}) {
       }] : [],
     },
   }, rows(panel), where);
+  plot.root.setAttribute("role", "group");
+  plot.root.setAttribute("aria-label", `${panel.title || "Curves"}: ${panel.up.label} over ${panel.across.label}`);
   if (panel.title) where.prepend(Object.assign(document.createElement("h3"), { textContent: panel.title }));
   return {
     plot, likeness: likeness(panel),

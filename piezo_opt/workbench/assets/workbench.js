@@ -153,10 +153,32 @@ function brushable(u) {
     if (!from) return;
     const [left, right, top, bottom] = corners(at(event));
     from = null;
-    if (right - left < 4 || bottom - top < 4) { brush(null); return; }
+    if (right - left < 4 || bottom - top < 4) brush(null);
+    else inside(left, right, top, bottom);
+  });
+  const inside = (left, right, top, bottom) => {
     const panel = view.plane.panels[0], [drive, position] = [panel.across.factor, panel.up.factor];
     brush({ left: u.posToVal(left, "x") / drive, right: u.posToVal(right, "x") / drive,
       low: u.posToVal(bottom, "y") / position, high: u.posToVal(top, "y") / position });
+  };
+  // The same by keys: arrows move it, with Shift they move its lower right corner.
+  let [left, right, top, bottom] = [0.5, 1, 0, 1];
+  over.tabIndex = 0;
+  over.setAttribute("role", "application");
+  over.setAttribute("aria-label", "Rectangle in the loop: Enter draws it, arrows move it, with Shift they size it, Delete removes it");
+  over.addEventListener("keydown", (event) => {
+    const [dx, dy] = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1], Enter: [0, 0] }[event.key] || [];
+    if (event.key === "Delete") brush(null);
+    if (dx === undefined) return;
+    event.preventDefault(); event.stopPropagation();
+    const within = (x, low, high) => Math.min(Math.max(x, low), high);
+    if (!event.shiftKey) {
+      const [x, y] = [within(dx, -left, 1 - right), within(dy, -top, 1 - bottom)];
+      [left, right, top, bottom] = [left + x, right + x, top + y, bottom + y];
+    } else [right, bottom] = [within(right + dx, left + 0.05, 1), within(bottom + dy, top + 0.05, 1)];
+    const { clientWidth: wide, clientHeight: high } = over;
+    Object.assign(box.style, { left: `${left * wide}px`, top: `${top * high}px`, width: `${(right - left) * wide}px`, height: `${(bottom - top) * high}px` });
+    inside(left * wide, right * wide, top * high, bottom * high);
   });
 }
 
