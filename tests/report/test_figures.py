@@ -56,7 +56,7 @@ def test_over_time_has_the_error_below(fit: Fit) -> None:
     figure = figures.over_time(compare(fit).entries)
     above, below = figure.axes
     assert above.get_ylabel() == "displacement [µm]"
-    assert below.get_ylabel().endswith("model [nm]")
+    assert " ".join(below.get_ylabel().split()).endswith("model [nm]")
     assert below.get_xlabel() == "time [s]"
     assert below.lines[0].get_ydata() == pytest.approx(1e9 * fit.residual())
 

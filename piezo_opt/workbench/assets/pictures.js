@@ -67,7 +67,7 @@ function path(trace, index) {
   return (u) => {
     uPlot.orient(u, index, (series, xs, ys, scaleX, scaleY, toX, toY, left, top, width, height) => {
       const [x, y] = u.data[index], line = new Path2D(), dots = new Path2D();
-      const size = (trace.style === "cloud" ? 1.5 : 3) * devicePixelRatio;
+      const size = (trace.style === "cloud" ? 1.5 : x.length > 40 ? 2 : 3) * devicePixelRatio;
       let open = false;
       for (let k = 0; k < x.length; k++) {
         if (y[k] === null) { open = false; continue; }
