@@ -85,11 +85,11 @@ def test_by_branch_shares_its_scale(long: Entry) -> None:
 def test_spectrum_with_coherence(long: Entry, fit: Fit) -> None:
     figure = figures.spectrum([long])
     assert figure is not None
-    assert labels(figure) == [
+    assert [" ".join(label.split()) for label in labels(figure)] == [
         "",
         "density [nm/√Hz]",
         "frequency [Hz]",
-        "coherence of error and\ndrive",
+        "coherence of error and drive",
     ]
     assert figures.spectrum(compare(fit).entries) is None
 
