@@ -137,7 +137,11 @@ def prefixed(unit: str, *values: FloatArray) -> tuple[float, str]:
     """
     # Two passes without a copy: a million samples are asked for at every zoom.
     largest = max(
-        (max(float(np.fmax.reduce(v)), -float(np.fmin.reduce(v))) for v in values if v.size),
+        (
+            max(float(np.fmax.reduce(v, axis=None)), -float(np.fmin.reduce(v, axis=None)))
+            for v in values
+            if v.size
+        ),
         default=0.0,
     )
     if unit in _NEVER or not 0.0 < largest < math.inf or not unit[:1].isalpha():
