@@ -53,15 +53,17 @@ def check_signals(record: str, signals: Mapping[str, FloatArray]) -> None:
             f"{record}: time {kind} at index {row} ({time[row - 1]:g} s, then {time[row]:g} s): "
             "sort the samples and keep one for each instant"
         )
-    # Beyond these magnitudes sums of squares overflow or a step vanishes in rounding.
+    # Beyond these magnitudes sums of squares overflow or vanish, or a step vanishes in rounding.
     for name, values in signals.items():
         largest = float(np.max(np.abs(values)))
         if largest > 1e100:
             raise InputError(f"{record}: {name} reaches {largest:g}: check its unit")
+        if 0.0 < largest < 1e-100:
+            raise InputError(f"{record}: {name} stays below {largest:g}: check its unit")
     if float(np.min(np.diff(time))) < 1e-12 * float(np.max(np.abs(time))):
         raise InputError(
             f"{record}: the steps of time drown in its offset of {time[0]:g} s: "
-            "let the clock start near zero"
+            "let the clock start near zero, or read it with its rate, rate='1 kHz'"
         )
     if np.ptp(drive) <= 1e-12 * float(np.max(np.abs(drive))):
         raise InputError(

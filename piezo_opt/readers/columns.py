@@ -20,14 +20,15 @@ from piezo_opt.units import parse_header, same_dimension, to_si
 class Column:
     """One column of a file: its name, its unit when the file says one, and its numbers.
 
-    A column of text or without cells has no numbers; it keeps its place. ``missing`` marks the
-    samples that the file itself says were not taken.
+    A column of text or without cells has no numbers; it keeps its place, and ``sample`` is one of
+    its cells. ``missing`` marks the samples that the file itself says were not taken.
     """
 
     name: str
     unit: str | None
     values: FloatArray
     missing: BoolArray | None = None
+    sample: str = ""
 
     @property
     def header(self) -> str:
@@ -57,10 +58,22 @@ class Table:
     steps: Steps | None = None
 
     def listing(self) -> str:
-        """The columns as a sentence shows them, at most a dozen."""
+        """What there is to choose from, as the end of a sentence, at most a dozen columns."""
         shown = [repr(column.header) for column in self.columns if column.values.size]
-        more = [f"{len(shown) - _LISTED} more"] if len(shown) > _LISTED else []
-        return ", ".join([*shown[:_LISTED], *more]) or "none"
+        others = [
+            f"{column.header!r} holds no numbers"
+            + (f" ({column.sample[:40]!r})" if column.sample else "")
+            for column in self.columns
+            if column.name and not column.values.size
+        ]
+        if not shown:
+            return "; ".join(["there are no columns of numbers", *_few(others)])
+        return "; ".join([f"the columns are {', '.join(_few(shown))}", *_few(others)])
+
+
+def _few(parts: list[str]) -> list[str]:
+    more = [f"{len(parts) - _LISTED} more"] if len(parts) > _LISTED else []
+    return [*parts[:_LISTED], *more]
 
 
 @final
@@ -125,23 +138,31 @@ def choose(
     if len(liked) == 1:
         return liked[0]
     if fitting:
+        headers = [column.header for _, column in fitting]
+        # Columns of one name are told apart by their numbers.
+        calls = headers if len({*headers}) == len(headers) else [str(i + 1) for i, _ in fitting]
         raise InputError(
             f"{table.file}: more than one column could be the {role.word}: "
-            f"{', '.join(repr(column.header) for _, column in fitting)}; choose with "
-            + " or ".join(f"{role.word}='{column.header}'" for _, column in fitting[:4])
+            f"{', '.join(map(repr, _few(headers)))}; choose with "
+            + " or ".join(f"{role.word}='{call}'" for call in calls[:4])
         )
     for column in table.columns:
         if column.values.size and column.name.strip().lower() in role.names:
             if column.unit is None:
                 raise InputError(f"{table.file}: {_without_unit(table)}")
+            sensor = role is POSITION and same_dimension(column.unit, "V")
             raise InputError(
                 f"{table.file}: column {column.header!r} is no {role.word}, its unit must "
-                f"measure what {role.unit} does: correct the unit, or name the column with "
-                f"{role.word}='...'"
+                f"measure what {role.unit} does: correct the unit, or "
+                + (
+                    "give what the sensor's volts are, scale='2.5 um/V'"
+                    if sensor
+                    else f"name the column with {role.word}='...'"
+                )
             )
     rate = ", or give the sampling rate, rate='1 kHz'" if role is TIME else ""
     raise InputError(
-        f"{table.file}: no column is the {role.word}: the columns are {table.listing()}; name "
+        f"{table.file}: no column is the {role.word}: {table.listing()}; name "
         f"one like {role.example!r} or choose with {role.word}='...'{rate}"
     )
 
@@ -192,7 +213,7 @@ def _named(table: Table, role: Role, said: str) -> tuple[int, Column]:
         place = int(wanted_name) - 1
         matches = [(place, table.columns[place])]
     if not matches:
-        raise InputError(f"{table.file}: has no column {said!r}: the columns are {table.listing()}")
+        raise InputError(f"{table.file}: has no column {said!r}: {table.listing()}")
     if len(matches) > 1:
         raise InputError(
             f"{table.file}: has {len(matches)} columns {said!r}: give them different names, or "

@@ -30,7 +30,8 @@ def column_of(
     Raises `InputError` for a unit, a scale or an offset that is none.
     """
     unit = next((text for key in _UNITS if (text := _text(attributes.get(key)))), None)
-    said = []
+    said: list[str] = []
+    dated = unit is not None and " since " in unit
     if unit is None:
         name, unit = header_cell(file, name)
     elif (known := unit_word(unit.partition(" since ")[0])) is None:
@@ -43,6 +44,10 @@ def column_of(
         if (value := _number(file, name, mark, attributes)) is not None:
             with np.errstate(over="ignore", invalid="ignore"):
                 missing |= np.isnan(stored) if np.isnan(value) else stored == value
+    if dated and stored.dtype.kind in "iu" and stored.size:
+        # Nanoseconds of an epoch are more digits than a float has.
+        stored = (stored - stored[0]).astype(np.int64)
+        said.append(f"{name!r} is counted from its first instant.")
     values: FloatArray = stored.astype(np.float64)
     scale, offset = (_number(file, name, key, attributes) for key in ("scale_factor", "add_offset"))
     if scale is not None or offset is not None:
@@ -68,7 +73,7 @@ def _number(file: str, name: str, key: str, attributes: Mapping[str, Any]) -> fl
     if key not in attributes:
         return None
     try:
-        value = float(np.asarray(attributes[key]).reshape(-1)[0])
+        value = float(np.asarray(attributes[key]).item())
     except (TypeError, ValueError, IndexError):
         value = float("inf")
     if np.isinf(value) and key not in _MARKS:

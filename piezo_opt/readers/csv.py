@@ -33,8 +33,11 @@ from piezo_opt.readers.text import encoding_of
 
 SIGNATURE: Final = "# piezo_opt record"
 WRITTEN: Final = ("time", "drive", "position")
+_COMMENT = re.compile(r"(?:^|\s)\s*#.*", re.DOTALL)
 _HEAD = 2000
 """Lines that the layout is concluded from."""
+_FOLDED = 8
+"""Lines that a cell in quotation marks may go on in."""
 
 
 def table_from_csv(
@@ -69,11 +72,7 @@ def _table(
     decimal: str | None,
     numbered: bool,
 ) -> Table:
-    head = [
-        Line(number, text.strip())
-        for number, text in enumerate(itertools.islice(lines, _HEAD), start=1)
-        if text.strip()
-    ]
+    head = list(_whole(itertools.islice(lines, _HEAD)))
     layout = layout_of(str(file), head, decimal=decimal, numbered=numbered)
     names = [name for name, _ in layout.columns]
     comments = [line.text for line in head if line.comment and line.number <= layout.head.row + 1]
@@ -87,6 +86,21 @@ def _table(
         notes=(*(() if said is None else (said,)), *layout.notes, *left_out),
         steps=steps_of(names, (layout.head.below, layout.first), layout.head.above),
     )
+
+
+def _whole(lines: Iterable[str]) -> Iterator[Line]:
+    """Lines that are not empty; a cell in quotation marks may go on in the next ones."""
+    open_, begun = "", 0
+    for number, text in enumerate(lines, start=1):
+        joined = f"{open_} {text.strip()}" if open_ else text.strip()
+        inside = joined.count('"') % 2 == 1 and joined.startswith('"')
+        if inside and (not open_ or number - begun < _FOLDED):
+            open_, begun = joined, begun if open_ else number
+        elif joined:
+            open_ = ""
+            yield Line(number, joined)
+    if open_:
+        yield Line(begun, open_)
 
 
 def _numbers(file: Path, layout: Layout, encoding: str) -> FloatArray:
@@ -112,6 +126,7 @@ def _fast(file: Path, layout: Layout, encoding: str) -> FloatArray | None:
             delimiter=layout.dialect.separator,
             skiprows=layout.head.row,
             encoding=encoding,
+            max_rows=_most_rows(file, layout),
         )
     except (ValueError, OSError):
         return None
@@ -119,13 +134,16 @@ def _fast(file: Path, layout: Layout, encoding: str) -> FloatArray | None:
     return rows if rows.shape[0] and rows.shape[1] == len(layout.pattern) else None
 
 
+def _most_rows(file: Path, layout: Layout) -> int:
+    """Rows that a file may hold: a cell and its sign take two bytes, and room is made for all."""
+    return min(MOST_ROWS + 1, file.stat().st_size // (2 * len(layout.pattern)) + 2)
+
+
 def _parsed(source: str | Iterable[str], **how: Any) -> FloatArray:
     """Numbers of a file or of lines, without the parser's warnings about lines without cells."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        rows: FloatArray = np.loadtxt(
-            source, comments="#", ndmin=2, max_rows=MOST_ROWS + 1, **{"encoding": None, **how}
-        )
+        rows: FloatArray = np.loadtxt(source, comments=None, ndmin=2, **{"encoding": None, **how})
     return rows
 
 
@@ -144,6 +162,7 @@ def _careful(file: Path, layout: Layout, lines: Iterable[str], encoding: str) ->
             delimiter="\t" if layout.dialect.quoted else layout.dialect.separator,
             usecols=None if len(used) == len(layout.pattern) else used,
             converters=clocks or None,
+            max_rows=_most_rows(file, layout),
         )
     except UnicodeDecodeError:
         raise
@@ -160,6 +179,11 @@ def _names_without_cells(layout: Layout) -> bool:
     return len(layout.columns) > len(layout.pattern)
 
 
+def _uncommented(line: str) -> str:
+    """A line without its comment, which begins it or stands behind a blank: 1.#INF is a cell."""
+    return line if "#" not in line else _COMMENT.sub("", line)
+
+
 def _prepared(lines: Iterable[str], layout: Layout) -> Iterator[str]:
     """The lines that hold cells, as the fast parser wants them.
 
@@ -169,9 +193,9 @@ def _prepared(lines: Iterable[str], layout: Layout) -> Iterator[str]:
     dialect, width = layout.dialect, len(layout.pattern)
     counted = "t" in layout.pattern or "e" in layout.pattern
     separator = dialect.separator
-    for line in lines:
+    for line in map(_uncommented, lines):
         text = line.lstrip(" ")
-        if not text.strip() or text.startswith("#"):
+        if not text.strip():
             continue
         if dialect.quoted:
             cells = dialect.cells(line.rstrip("\r\n"))
@@ -192,11 +216,12 @@ def _columns(layout: Layout, rows: FloatArray) -> tuple[tuple[Column, ...], list
     columns: list[Column] = []
     said: list[str] = []
     used = 0
-    for (name, unit), kind in zip(layout.columns, layout.pattern, strict=False):
+    for place, ((name, unit), kind) in enumerate(zip(layout.columns, layout.pattern, strict=False)):
         if kind in "te":
             if kind == "t":
                 said.append(f"Column {name!r} holds text and was left out.")
-            columns.append(Column(name, unit, np.zeros(0)))
+            sample = layout.last[place] if place < len(layout.last) else ""
+            columns.append(Column(name, unit, np.zeros(0), sample=sample))
             continue
         values = np.ascontiguousarray(rows[:, used])
         used += 1
@@ -217,7 +242,7 @@ def _dated(layout: Layout, name: str) -> bool:
 def _data_rows(file: Path, layout: Layout, encoding: str) -> Iterator[tuple[int, str]]:
     with file.open(encoding=encoding) as lines:
         for number, line in enumerate(lines, start=1):
-            text = line.split("#", 1)[0].strip("\r\n")
+            text = _uncommented(line).strip("\r\n")
             if number > layout.head.row and text.strip():
                 yield number, text
 

@@ -123,6 +123,8 @@ def _signals(file: Path, name: str, item: Any) -> Iterator[tuple[str, Any]]:
             yield from ((f"{name}(:,{k + 1})", stored[:, k]) for k in range(shape[1]))
         else:
             yield from ((f"{name}({k + 1},:)", stored[k]) for k in range(shape[0]))
+    elif longest > 1:
+        yield name, np.zeros(0)  # what it holds is no number: it is named, and cannot be chosen
 
 
 def write_hdf5(

@@ -17,7 +17,7 @@ from piezo_opt.readers.headers import header_cell, unit_row
 
 HEADER_EXAMPLE: Final = "time [s],voltage [V],displacement [um]"
 BY_NUMBER: Final = "time='1 [s]', drive='2 [V]', position='3 [um]'"
-_COMMENT = re.compile(r"\s*(?:#|%|//|!)+\s*")
+_COMMENT = re.compile(r"^\s*(?:#|%|//|!)+\s*")
 _SEEN = 200
 """Rows that decide what the columns hold."""
 
@@ -61,6 +61,7 @@ class Layout:
         head: what stands above the rows.
         columns: name and unit of every column.
         first: cells of the first row.
+        last: cells of the last row that was looked at.
         pattern: what each column holds: n(umbers), c(locks), t(ext), e(mpty).
         thousands: whether commas group digits.
         notes: what was concluded, in sentences.
@@ -70,6 +71,7 @@ class Layout:
     head: Head
     columns: tuple[tuple[str, str | None], ...]
     first: tuple[str, ...]
+    last: tuple[str, ...]
     pattern: str
     thousands: bool
     notes: tuple[str, ...]
@@ -111,7 +113,8 @@ def layout_of(
     columns = _columns(file, head, len(pattern))
     first = tuple(dialect.cells(plain[start].text))
     notes = _notes(head, dialect, thousands, columns)
-    return Layout(dialect, head, columns, first, pattern, thousands, notes)
+    last = tuple(dialect.cells(rows[-1].text))
+    return Layout(dialect, head, columns, first, last, pattern, thousands, notes)
 
 
 def _first_row(plain: Sequence[Line], dialect: Dialect, pattern: str) -> int:

@@ -52,8 +52,8 @@ def measurement_from(table: Table, name: str, wanted: Wanted) -> Measurement:
     taken = frozenset({drive_at, position_at} | ({place} if place is not None else set()))
     if len(taken) < (2 if place is None else 3):
         raise InputError(
-            f"{table.file}: one column cannot serve twice: choose time, drive and position from "
-            f"{table.listing()}"
+            f"{table.file}: one column cannot serve twice: choose one each as time, drive and "
+            f"position; {table.listing()}"
         )
     for column in (drive, position):
         if column.values.size != time.size:

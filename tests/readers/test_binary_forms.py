@@ -191,10 +191,32 @@ class TestHdf5:
         said = {"time": "log.t [s]", "drive": "log.u [V]", "position": "log.y [um]"}
         np.testing.assert_array_equal(read(tmp_path / "b.h5", **said).drive, U)
 
-    def test_an_attribute_that_is_no_number(self, tmp_path: Path) -> None:
+    def test_nanoseconds_of_an_epoch_lose_no_digit(self, tmp_path: Path) -> None:
+        with h5py.File(tmp_path / "a.h5", "w") as content:
+            clock = 1_700_000_000_000_000_123 + np.round(1e9 * T).astype(np.int64)
+            for name, unit, values in (
+                ("time", "nanoseconds since 1970-01-01", clock), ("voltage", "V", U), ("y", "um", Y)
+            ):  # fmt: skip
+                content[name] = values
+                content[name].attrs["units"] = unit
+        record = read(tmp_path / "a.h5")
+        np.testing.assert_allclose(record.time, T, atol=1e-9)
+        assert "'time' is counted from its first instant." in record.notes
+
+    def test_what_holds_no_numbers_is_named(self, tmp_path: Path) -> None:
+        with h5py.File(tmp_path / "a.h5", "w") as content:
+            content["time [s]"], content["voltage [V]"] = T, U
+            content["y [um]"] = np.array([f"{y:.3f}" for y in Y], dtype="S8")
+        with pytest.raises(InputError, match=r"'y \[um\]' holds no numbers"):
+            read(tmp_path / "a.h5")
+
+    @pytest.mark.parametrize("factor", ["large", [1.0, 2.0]])
+    def test_an_attribute_that_is_no_number(
+        self, tmp_path: Path, factor: str | list[float]
+    ) -> None:
         with h5py.File(tmp_path / "a.h5", "w") as content:
             content["u"] = U
-            content["u"].attrs.update(units="V", scale_factor="large")
+            content["u"].attrs.update(units="V", scale_factor=factor)
         with pytest.raises(InputError, match="'u' has a scale_factor that is no number"):
             read(tmp_path / "a.h5")
 

@@ -50,6 +50,20 @@ class TestReading:
         assert record.name == "loop"
         assert (record.drive_unit, record.position_unit) == ("V", "m")
 
+    def test_bars_and_names_that_go_on_in_the_next_line(self, make: Make) -> None:
+        check_loop(read(make("time [s]|voltage [V]|displacement [um]", *rows("|"))))
+        check_loop(read(make('"time\n[s]","voltage\n[V]","displacement\n[um]"', *rows())))
+
+    def test_a_remark_behind_a_row_is_none_of_its_cells(self, make: Make) -> None:
+        data = rows()
+        check_loop(read(make(HEADER, *data[:5], data[5] + "  # here it was touched", *data[6:])))
+
+    def test_thousands_of_columns(self, make: Make) -> None:
+        more = ["1"] * 3000
+        heads = [f"c{k} [V]" for k in range(3000)]
+        file = make(",".join([HEADER, *heads]), *(",".join([row, *more]) for row in rows()))
+        check_loop(read(file, drive="voltage"))
+
     @pytest.mark.parametrize("suffix", ["txt", "tsv", "dat", "CSV"])
     def test_suffixes(self, make: Make, suffix: str) -> None:
         check_loop(read(make(HEADER, *rows(), name=f"loop.{suffix}")))
@@ -166,6 +180,13 @@ class TestRefusing:
             "'displacement [V]' is no position",
         )
         self.refused(make("time [s],a [V],b [V]", *rows()), "more than one", "'a [V]', 'b [V]'")
+        twins = make("time [s],u [V],u [V],y [um]", *[row + ",1" for row in rows()])
+        self.refused(twins, "choose with drive='2' or drive='3'")
+        self.refused(make("time [s],voltage [V],x [%]", *rows()), "'x [%]'")
+        self.refused(
+            make(HEADER, *[row.replace(",", ",0x", 1) for row in rows()]),
+            "'voltage [V]' holds no numbers ('0x95')",
+        )
         self.refused(
             make("time [s],a [m],b [m]", *rows()), "no column is the drive", "'a [m]', 'b [m]'"
         )
@@ -194,6 +215,7 @@ class TestRefusing:
             ("0.2,1,1", "row 8, column 'time [s]': the time 0.2 is before that of row 7"),
             ("0.55,1_0,1", "'1_0' is not a number"),
             ("0.55,0x10,1", "'0x10' is not a number"),
+            ("0.55,1,1.#INF", "row 8, column 'displacement [um]': '1.#INF' is not a number"),
         ],
     )
     def test_a_bad_row_is_called_by_its_line_in_the_file(
@@ -215,6 +237,8 @@ class TestRefusing:
 
     def test_what_the_record_itself_refuses(self, make: Make) -> None:
         self.refused(make(HEADER, *rows(count=5)), "5 samples, too few")
+        small = [f"{i},{i},{i}e-310" for i in range(ROWS)]
+        self.refused(make(HEADER, *small), "position stays below 1.9e-315: check its unit")
         flat = [f"{i},3,{i}" for i in range(ROWS)]
         self.refused(make(HEADER, *flat), "drive is constant at 3")
         stuck = [f"{i},{i},{min(i, 9)}" for i in range(ROWS)]
