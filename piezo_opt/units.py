@@ -153,6 +153,8 @@ def quantity(value: str | float, unit: str) -> float:
     """
     if not isinstance(value, str):
         try:
+            if isinstance(value, bool):
+                raise TypeError("a truth is no number")
             number = float(value)
         except (TypeError, ValueError, OverflowError) as error:
             raise InputError(

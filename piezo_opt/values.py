@@ -32,6 +32,9 @@ class Values(Mapping[str, float]):
     numbers: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        for name, number in self.numbers.items():
+            if isinstance(number, str) or not hasattr(number, "__float__"):
+                raise ModelError(f"Value of '{name}' is {number!r}; give a number in SI units.")
         clean = {name: float(number) for name, number in self.numbers.items()}
         for name, number in clean.items():
             if not math.isfinite(number):

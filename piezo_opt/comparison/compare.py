@@ -9,6 +9,7 @@ from typing import Any, Final, final
 
 import numpy as np
 
+from piezo_opt.choosing import expected, words
 from piezo_opt.comparison.labels import labels
 from piezo_opt.comparison.metrics import Metrics, measure
 from piezo_opt.comparison.misfit import Misfit
@@ -162,6 +163,9 @@ def compare(
     """
     if not fits:
         raise InputError("compare needs at least one fit: compare(fit) or compare(fit, richer)")
+    for number, one in enumerate(fits, start=1):
+        expected(Fit, one, f"compare: fit {number}", "what solve returns")
+    words(names, "names")
     if names and len(names) != len(fits):
         raise InputError(f"{len(names)} names for {len(fits)} fits: give one for each, or none")
     chosen = tuple(names) or labels([fit.model for fit in fits])

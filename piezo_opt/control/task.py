@@ -9,6 +9,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from piezo_opt.choosing import chosen
 from piezo_opt.control.closed_loop import Limits
 from piezo_opt.control.cost import Criterion
 from piezo_opt.control.identified import Identified, Source, identified
@@ -88,7 +89,8 @@ def task(
     model, behind = without_delay(known.model, known.numbers, step)
     numbers = known.numbers
     asked = Asked(
-        references_of(reference), step, limits or Limits(), delay + behind, Criterion(criterion),
+        references_of(reference), step, limits or Limits(), delay + behind,
+        chosen(Criterion, criterion, "criterion"),
         effort, overshoot, drive, peak, (known.noise or 0.0) if noise is None else noise,
         disturbance, seed, at,
     )  # fmt: skip

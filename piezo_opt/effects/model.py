@@ -61,8 +61,10 @@ class Model:
             for _, effect in other.named:
                 model = model + effect
             return model
-        if isinstance(other, type) or not hasattr(other, "check_frozen"):
-            return NotImplemented
+        if isinstance(other, type) and hasattr(other, "check_frozen"):
+            raise ModelError(f"{other.__name__} is a class: write {other.__name__}().")
+        if not hasattr(other, "check_frozen"):
+            raise ModelError(f"{other!r} is no effect: a model is a sum of effects.")
         other.check_frozen()
         name, count = other.name, 1
         taken = {n for n, _ in self.named}

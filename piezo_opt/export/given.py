@@ -10,6 +10,7 @@ from typing import TypeAlias, final
 
 import numpy as np
 
+from piezo_opt.choosing import expected
 from piezo_opt.diagnosis import Diagnosis
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, ModelError
@@ -70,6 +71,7 @@ def given(source: Source, values: Mapping[str, float] | None = None) -> Given:
         model, numbers, told = source.model, source.numbers, "a model file"
         sampling = source.sampling
     else:
+        expected((str, os.PathLike), source, "The source", "a fit, a model, or a file of one")
         file = read_model(source)
         model, numbers, told = file.model, file.numbers, Path(source).name
         sampling = file.sampling

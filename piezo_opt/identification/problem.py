@@ -11,7 +11,7 @@ from typing import final
 
 import numpy as np
 
-from piezo_opt.choosing import chosen, is_number
+from piezo_opt.choosing import chosen, is_number, words
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, ModelError
 from piezo_opt.measurement import Campaign, Measurement
@@ -139,26 +139,23 @@ class Identification:
         if not isinstance(self.loss, Loss):
             raise InputError(f"loss is {self.loss!r}: give Loss(Shape.HUBER, scale=3e-8), say.")
         for what in ("free", "per_record", "weights"):
-            if isinstance(getattr(self, what), str):
-                raise InputError(
-                    f"{what} is the text {getattr(self, what)!r}: give a tuple, (..., )."
-                )
+            words(getattr(self, what), what)
         object.__setattr__(self, "records", campaign)
         for what, names in (
             ("values", self.values), ("fixed", self.fixed), ("free", self.free),
             ("bounds", self.bounds), ("priors", self.priors), ("per_record", self.per_record),
         ):  # fmt: skip
-            for name in names:
-                if not isinstance(name, str) or _unit(self.model, name) is None:
-                    raise ModelError(
-                        f"{what}: the model has no parameter '{name}'; it has "
-                        f"{', '.join((*self.model.parameters, *_starts(self.model)))}."
-                    )
+            self.check_names(what, names)
         for mapping in ("values", "fixed"):
             given = {k: self._number(k, v) for k, v in getattr(self, mapping).items()}
             object.__setattr__(self, mapping, given)
-        for name, (low, high) in self.bounds.items():
-            if not low < high:
+        for name, pair in self.bounds.items():
+            try:
+                low, high = pair
+                ordered = bool(low < high)
+            except (TypeError, ValueError):
+                raise InputError(f"bounds of '{name}': {pair!r}: give (low, high).") from None
+            if not ordered:
                 raise InputError(
                     f"bounds of '{name}': {low} is not below {high}; give (low, high)."
                 )
@@ -205,6 +202,19 @@ class Identification:
         mirrored = number < 0.0 == low and declared.unit in ("m/V", "V/m")
         moved = min(max(abs(number) if mirrored else number, low), high)
         return -moved if mirrored else moved
+
+    def check_names(self, what: str, names: Iterable[str]) -> None:
+        """Refuse names that no parameter and no start of a state has.
+
+        Raises:
+            ModelError: there is one.
+        """
+        for name in names:
+            if not isinstance(name, str) or _unit(self.model, name) is None:
+                raise ModelError(
+                    f"{what}: the model has no parameter '{name}'; it has "
+                    f"{', '.join((*self.model.parameters, *_starts(self.model)))}."
+                )
 
     def _check_bounds(self, what: str, name: str, number: float) -> None:
         moved = self._moved(name, number)

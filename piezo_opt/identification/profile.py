@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from piezo_opt.choosing import words
 from piezo_opt.errors import InputError, ModelError
 from piezo_opt.identification.log import Entry, Log, fingerprint
 from piezo_opt.identification.profile_walk import Walk, walk
@@ -175,6 +176,7 @@ def profile_likelihood(
     """
     if not 0.0 < level < 1.0:
         raise InputError(f"profile_likelihood(level={level}): give a level between 0 and 1.")
+    words(names, "names")
     chosen = [n for n in fit.names if not n.startswith("initial.")] if names is None else [*names]
     for name in chosen:
         if name not in fit.names:

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.errors import NO_FIT
+from piezo_opt.choosing import expected, whole
+from piezo_opt.errors import NO_FIT, InputError
 from piezo_opt.identification.monitor import Monitor, ProgressCallback
 from piezo_opt.identification.multistart import run_starts
 from piezo_opt.identification.objective import Linearised, Objective
@@ -28,6 +30,8 @@ from piezo_opt.units import show
 from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
+
+_MADE: Final = {"transcription": "MultipleShooting()", "solver": "NelderMead()"}
 
 
 def solve(
@@ -70,6 +74,18 @@ def solve(
     Raises:
         InputError, ModelError: the question makes no sense; the sentence names the remedy.
     """
+    expected(Identification, question, "The question", "Identification(model, records)")
+    if start is not None:
+        expected((Fit, Mapping), start, "start", "a fit, or values by name")
+        if not isinstance(start, Fit | Values):  # theirs may be of a larger model
+            question.check_names("start", start)
+    for what, value, verb in (("transcription", transcription, "identify"), ("solver", solver, "")):
+        if isinstance(value, type) or (value is not None and verb and not hasattr(value, verb)):
+            raise InputError(f"{what} is {value!r}: give one that is made, such as {_MADE[what]}.")
+    whole(starts, "starts", 1)
+    whole(seed, "seed", 0)
+    if progress is not None and not callable(progress):
+        raise InputError(f"progress is {progress!r}: give a function of one argument.")
     limit = TimeLimit(max_time)
     fit = _solved(
         question, transcription, solver, start, starts, seed, executor, log, progress, statistics,

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_opt.choosing import expected
 from piezo_opt.effects.catalogue import model_from_dict
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, PiezoOptError
@@ -43,6 +44,7 @@ def save_fit(fit: Fit, path: str | os.PathLike[str], *, overwrite: bool = False)
     Raises:
         InputError: the file exists and ``overwrite`` is not given, or cannot be written.
     """
+    expected(Fit, fit, "The fit", "what solve returns")
     with replacing(path, overwrite=overwrite) as scratch:
         # The records' writer goes by the suffix and never overwrites.
         records = scratch.with_name(f"{scratch.name}.records.h5")

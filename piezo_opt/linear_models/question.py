@@ -9,6 +9,7 @@ from typing import final
 
 import numpy as np
 
+from piezo_opt.choosing import whole
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Start
 from piezo_opt.measurement import Campaign, Measurement
@@ -70,6 +71,9 @@ class LinearQuestion:
         detrend: Detrend = Detrend.OFFSET,
     ) -> None:
         several = Campaign.of(records)
+        whole(poles, "poles", 0)
+        if zeros is not None:
+            whole(zeros, "zeros", 0)
         m = max(poles - 1, 0) if zeros is None else zeros
         if poles < 1:
             raise InputError(f"a transfer function needs at least one pole, not {poles}")

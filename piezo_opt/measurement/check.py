@@ -146,6 +146,8 @@ def check(
 
 
 def _names(what: str, given: Iterable[str]) -> frozenset[str]:
+    if given is None:
+        raise InputError(f"{what} is None: give names of findings, or leave it out")
     names = frozenset((given,) if isinstance(given, str) else given)
     for name in names:
         if name not in NAMES:

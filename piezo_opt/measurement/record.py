@@ -31,6 +31,8 @@ from piezo_opt.measurement.resolution import resolution
 from piezo_opt.measurement.spectra import densities, frequencies, without_line
 from piezo_opt.units import quantity, show
 
+_MOST_SAMPLES = 50_000_000
+"""As many as a file may hold."""
 _SPECTRAL = 64
 """Samples from which a spectrum says something."""
 
@@ -358,6 +360,11 @@ class Measurement:
             raise InputError(
                 f"{self.name}: a step of {new:g} s does not leave {FEWEST_SAMPLES} samples of "
                 f"{show(self.duration, 's')}: choose a shorter step"
+            )
+        if self.duration / new > _MOST_SAMPLES:
+            raise InputError(
+                f"{self.name}: a step of {new:g} s makes {self.duration / new:.3g} samples of "
+                f"{show(self.duration, 's')}: choose a longer step"
             )
         way = resampling(self.clock, new, between=self.between, period=self.period)
         return replace(

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from piezo_opt.choosing import expected
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import Between, Campaign, Measurement
 from piezo_opt.readers.axes import read_axes
@@ -96,6 +97,7 @@ def read(
         if record is not None:
             raise InputError(f"frame: holds one record: drop record={record!r}")
         return measurement_from(table_from_frame(path), "frame", wanted)
+    expected((str, os.PathLike), path, "The file", "its path, or a frame of pandas or polars")
     file = Path(path)
     stored = _stored(file)
     if stored is not None:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Final, final
 
+from piezo_opt.choosing import expected
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import Between, Measurement
 from piezo_opt.units import factor, quantity, show, si_unit
+
+_TEXTS: Final = {"time": "1 [s]", "position": "3 [um]", "trim": "2 s:8 s"}
 
 
 @final
@@ -46,6 +49,9 @@ class Wanted:
             raise InputError(f"decimal is '.' or ',', not {self.decimal!r}")
         if isinstance(self.every, bool) or not isinstance(self.every, int) or self.every < 1:
             raise InputError(f"every is a number of samples from 1 on, not {self.every!r}")
+        for what in ("time", "drive", "position", "trim"):
+            if (said := getattr(self, what)) is not None:
+                expected(str, said, what, f"a text, {what}='{_TEXTS.get(what, '2 [V]')}'")
         for value in (self.stretch, self.hertz, self.amplification, self.factor):
             del value  # a wrong one is refused here and not in the middle of a file
 

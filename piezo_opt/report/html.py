@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from piezo_opt.choosing import expected
 from piezo_opt.errors import InputError
 from piezo_opt.readers.files import replacing
 from piezo_opt.report.chapters import chapter, together
@@ -37,6 +38,8 @@ def write_report(
     """
     if not results:
         raise InputError("a report needs a result: write_report('report.html', fit)")
+    if title is not None:
+        expected(str, title, "title", "a text")
     file = Path(path)
     # Asked before anything is drawn; the file is put in place at the end.
     with replacing(file, overwrite=overwrite) as temporary:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.assembly import System, folded, named
+from piezo_opt.choosing import chosen, expected, is_number
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, ModelError
 from piezo_opt.lazy import lazy
@@ -395,6 +396,11 @@ def simulate(
         InputError: the record lacks a channel or a period that is needed.
         ModelError: the model's needs are not met, or it is too stiff for the record.
     """
+    expected(Model, model, "The model", "a sum of effects, PiezoGain() + BoucWen()")
+    expected(Measurement, record, "The record", "what read returns")
+    initial = chosen(Initial, initial, "initial")
+    if not (is_number(tolerance) and tolerance > 0.0):
+        raise InputError(f"tolerance is {tolerance!r}: give a share of the range, such as 5e-5.")
     numbers = {**Values.nominal(model), **(values or {})}
     # "initial.creep.z" beside "initial.creep.z[0]" is what of_record() makes of the latter.
     unknown = [k for k in (values or {}) if not _known(k, model) and f"{k}[0]" not in numbers]

@@ -8,6 +8,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_opt.choosing import whole
+from piezo_opt.errors import InputError
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.outcome import Ending
 from piezo_opt.identification.solvers.base import Solution
@@ -67,6 +69,14 @@ class LevenbergMarquardt:
     tolerance: float = 1e-9
     beyond: float = float("inf")
     crawl: float = 1e-3
+
+    def __post_init__(self) -> None:
+        whole(self.iterations, "LevenbergMarquardt: iterations", 1)
+        for what in ("tolerance", "beyond", "crawl"):
+            if not getattr(self, what) >= 0.0:
+                raise InputError(
+                    f"LevenbergMarquardt: {what} is {getattr(self, what)!r}: give 0 or more."
+                )
 
     @property
     def name(self) -> str:

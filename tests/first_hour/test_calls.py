@@ -1,0 +1,84 @@
+"""Calls that make no sense are one sentence each, at the call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import piezo_opt as po
+from piezo_opt import demo, effects
+from piezo_opt.stopping import TimeLimit
+
+FILE = Path(__file__).parents[2] / "data" / "thesis" / "hysteresis.csv"
+
+
+@pytest.fixture(scope="module")
+def fit() -> po.Fit:
+    return po.solve(demo.question())
+
+
+CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
+    "rate": (lambda _: po.read(FILE, rate=True), "True is no number and no text"),
+    "trim": (lambda _: po.read(FILE, trim=5), "trim is 5: give a text"),  # type: ignore[arg-type]
+    "column": (lambda _: po.read(FILE, drive=["u"]), r"drive is \['u'\]: give a text"),  # type: ignore[arg-type]
+    "no file": (lambda _: po.read(None), "The file is None: give its path"),
+    "arrays": (
+        lambda _: po.read(np.zeros((9, 3))),
+        "The file is array.*: give its path",
+    ),
+    "findings": (lambda f: po.check(f.records, accept=None), "accept is None"),  # type: ignore[arg-type]
+    "grid": (lambda f: f.records[0].resample(rate="1 THz"), "choose a longer step"),
+    "one bound": (lambda f: _asked(f, bounds={"bouc_wen.n": (1,)}), "give .low, high"),
+    "no bounds": (lambda f: _asked(f, bounds={"bouc_wen.n": 3}), "give .low, high"),
+    "no question": (lambda f: po.solve(f.records[0]), "The question is .*: give Identification"),
+    "class": (lambda f: po.solve(f.question, solver=po.NelderMead), "such as NelderMead.."),
+    "way": (lambda f: po.solve(f.question, transcription="x"), "such as MultipleShooting"),  # type: ignore[arg-type]
+    "start": (lambda f: po.solve(f.question, start={"typo": 1.0}), "no parameter 'typo'"),
+    "no start": (lambda f: po.solve(f.question, start=3), "start is 3: give a fit"),  # type: ignore[arg-type]
+    "no starts": (lambda f: po.solve(f.question, starts=0), "starts is 0: give a whole number"),
+    "half": (lambda f: po.solve(f.question, starts=2.5), "starts is 2.5"),  # type: ignore[arg-type]
+    "seed": (lambda f: po.solve(f.question, starts=2, seed=-1), "seed is -1"),
+    "silent": (lambda f: po.solve(f.question, progress=5), "progress is 5"),  # type: ignore[arg-type]
+    "soon": (lambda _: TimeLimit("soon"), "no limit: give a positive time"),  # type: ignore[arg-type]
+    "steps": (lambda _: po.LevenbergMarquardt(iterations=0), "iterations is 0"),
+    "close": (lambda _: po.LevenbergMarquardt(tolerance=float("nan")), "tolerance is nan"),
+    "record": (lambda f: po.compare(f.records[0]), "compare: fit 1 is .*: give what solve returns"),
+    "letters": (lambda f: po.compare(f, names="a"), "names is the text 'a': give a tuple"),
+    "effort": (lambda f: po.diagnose(f, effort="garbage"), "give Effort.QUICK"),  # type: ignore[arg-type]
+    "word": (lambda f: po.diagnose(f, candidates=["creep"]), "A candidate is 'creep'"),  # type: ignore[list-item]
+    "one": (lambda f: po.diagnose(f, candidates=effects.Creep()), "candidates is Creep"),  # type: ignore[arg-type]
+    "withheld": (lambda f: po.diagnose(f, withhold="creep"), "withhold is the text 'creep'"),
+    "threads": (lambda f: po.diagnose(f, threads=0), "threads is 0"),
+    "test": (lambda f: po.diagnose(f, test=3), "test is 3: give a record"),  # type: ignore[arg-type]
+    "drive": (lambda f: po.simulate(f.model, 3), "The record is 3: give what read returns"),  # type: ignore[arg-type]
+    "rest": (lambda f: po.simulate(f.model, f.records[0], initial="x"), "give Initial.REST"),  # type: ignore[arg-type]
+    "share": (lambda f: po.simulate(f.model, f.records[0], tolerance=-1.0), "tolerance is -1"),
+    "profile": (lambda f: po.profile_likelihood(f, names="a.b"), "names is the text 'a.b'"),
+    "title": (lambda f: po.write_report("x.html", f, title=5), "title is 5: give a text"),  # type: ignore[arg-type]
+    "values": (lambda _: po.Values({"a": "x"}), "Value of 'a' is 'x'"),  # type: ignore[dict-item]
+    "no fit": (lambda _: po.save_fit(None, "x.h5"), "The fit is None"),  # type: ignore[arg-type]
+    "poles": (lambda f: po.fit_transfer(f.records[0], poles=1.5), "poles is 1.5"),  # type: ignore[arg-type]
+    "plus": (lambda f: f.model + effects.Creep, r"Creep is a class: write Creep\(\)"),
+    "sum": (lambda f: f.model + 3, "3 is no effect"),
+    "source": (lambda _: po.export_c(None, "x"), "The source is None"),  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_a_call_that_makes_no_sense_is_one_sentence(
+    name: str, fit: po.Fit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    call, says = CALLS[name]
+    with pytest.raises(po.PiezoOptError, match=says) as told:
+        call(fit)
+    assert len(str(told.value).splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def _asked(fit: po.Fit, **said: Any) -> po.Identification:
+    return po.Identification(fit.model, fit.records, **said)
