@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from piezo_opt.measurement import FloatArray
-from piezo_opt.report.style import BLACK, GREY, MODELS, MOST_POINTS, figure, styled, thinned
+from piezo_opt.report.style import BLACK, GREY, MODELS, figure, styled, thinned
 
 if TYPE_CHECKING:
     from piezo_opt.control import ClosedLoop
@@ -37,7 +37,7 @@ def chapter_four(
         loop.set(xlabel="drive [V]", ylabel="position [µm]", title="The loop (Fig. 4.1)")
         loop.legend(loc="upper left")
         for (name, one), colour in zip(loops.items(), MODELS, strict=False):
-            seconds, off = thinned(MOST_POINTS, one.time, one.error)
+            seconds, off = thinned(one.time, one.error)
             error.plot(seconds, 1e6 * off, color=colour, linewidth=1.0, label=name)
             line.plot(1e6 * one.reference, 1e6 * one.position, color=colour, label=name)
         straight = 1e6 * record.position.max() * record.drive / record.drive.max()
