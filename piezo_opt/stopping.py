@@ -10,7 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
 from typing import final
 
-from piezo_opt.choosing import is_number
 from piezo_opt.errors import InputError
 
 
@@ -28,9 +27,11 @@ class TimeLimit:
     """
 
     def __init__(self, seconds: float | None) -> None:
-        if seconds is not None and not (
-            is_number(seconds) and 0.0 < float(seconds) < threading.TIMEOUT_MAX
-        ):
+        try:
+            legal = seconds is None or 0.0 < seconds < threading.TIMEOUT_MAX
+        except TypeError:
+            legal = False
+        if not legal:
             raise InputError(f"A limit of {seconds!r} s is no limit: give a positive time.")
         self.seconds = seconds
         self._end = None if seconds is None else time.monotonic() + seconds
