@@ -17,15 +17,11 @@ from typer.core import TyperGroup
 from typer.exceptions import TyperException
 from typer.models import TyperInfo
 
+from piezo_opt.cli.codes import BAD_INPUT, FAILED, INTERRUPTED
 from piezo_opt.cli.enduring import Enduring
-from piezo_opt.cli.outputs import INTERRUPTED
 from piezo_opt.errors import PiezoOptError
 
 __all__ = ["app", "main"]
-
-BAD_INPUT = 2
-FAILED = 1
-
 
 _ROOMS: Final = {
     **{name: name for name in ("demo", "check", "fit", "diagnose", "simulate", "compare")},

@@ -9,6 +9,7 @@ import typer
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.codes import INTERRUPTED
 from piezo_opt.cli.linear import number_range
 from piezo_opt.cli.telling import telling
 from piezo_opt.stopping import TimeLimit
@@ -124,7 +125,7 @@ def fit(
     if report is not None:
         outputs.write_page(report, found, overwrite=overwrite)
     if found.interrupted and not limit.passed:
-        raise typer.Exit(outputs.INTERRUPTED)
+        raise typer.Exit(INTERRUPTED)
 
 
 @axes.command()

@@ -13,9 +13,9 @@ from piezo_opt.cli import outputs
 from piezo_opt.cli.candidates import Candidates, read_candidates
 from piezo_opt.cli.checking import UNANSWERED, Checking
 from piezo_opt.cli.choices import EffortName, TranscriptionName
+from piezo_opt.cli.codes import INTERRUPTED
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
-from piezo_opt.cli.outputs import INTERRUPTED
 from piezo_opt.cli.solving import Solving, exit_code, leave
 from piezo_opt.cli.telling import telling
 from piezo_opt.diagnosis import Diagnosis, Stopped

@@ -7,16 +7,14 @@ import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import typer
 
+from piezo_opt.cli.codes import INTERRUPTED
 from piezo_opt.cli.telling import telling
 from piezo_opt.errors import InputError
 from piezo_opt.readers.files import replacing, target_of
-
-INTERRUPTED: Final = 130
-"""Exit code after Ctrl-C, as shells give it: 128 and the number of the signal."""
 
 
 def check(

@@ -14,7 +14,7 @@ import typer
 from piezo_opt.cli import choices
 from piezo_opt.cli import options as o
 from piezo_opt.cli.choices import TranscriptionName
-from piezo_opt.cli.outputs import INTERRUPTED
+from piezo_opt.cli.codes import INTERRUPTED
 from piezo_opt.cli.telling import telling
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Ending, Fit, Identification, Progress, solve

@@ -78,15 +78,23 @@ class Bench:
         self._solving = -1
         self._results: dict[int, asyncio.Future[str]] = {}
         self._begun = worker
+        self._ahead: Job | None = None
         self._worker: Worker | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
 
     # What a page may do
 
+    def ahead(self) -> None:
+        """Have the records read already, while the server is still being loaded."""
+        if self.session.load.sources and self._begun is not None:
+            self._ahead = Job(Kind.LOOK, self.session)
+            with contextlib.suppress(OSError):  # where it has died, its listener says so
+                self._begun.pipe.send(self._ahead)
+
     def open(self) -> None:
         """Read the records of the session, and go through its steps again."""
         if self.session.load.sources:
-            self._begin(Job(Kind.LOOK, self.session))
+            self._begin(self._ahead or Job(Kind.LOOK, self.session))
             if self.session.fitted:
                 self._begin(Job(Kind.FIT, replace(self.session, depth=len(self.session.edits))))
         self._changed()
@@ -284,8 +292,9 @@ class Bench:
             if self._worker is None:
                 self._worker = self._listened(self._begun or begin())
                 self._begun = None
-            with contextlib.suppress(OSError):  # where it has died, its listener says so
-                self._worker.pipe.send(self._job)
+            if self._job is not self._ahead:
+                with contextlib.suppress(OSError):  # where it has died, its listener says so
+                    self._worker.pipe.send(self._job)
         self._changed()
 
     def _listened(self, worker: Worker) -> Worker:

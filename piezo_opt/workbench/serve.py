@@ -6,6 +6,7 @@ import contextlib
 import secrets
 import socket
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType
 
@@ -34,17 +35,9 @@ def serve(
     Raises:
         InputError: the extra is not installed, or the port is taken.
     """
-    try:
-        import uvicorn
-
-        from piezo_opt.workbench.app import application
-        from piezo_opt.workbench.bench import Bench
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("uvicorn", "starlette"):
-            raise
-        raise InputError(
-            f"The workbench needs {error.name}: pip install 'piezo_opt[workbench]'"
-        ) from None
+    for needed in ("uvicorn", "starlette"):
+        if find_spec(needed) is None:
+            raise InputError(f"The workbench needs {needed}: pip install 'piezo_opt[workbench]'")
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     with listening:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -59,8 +52,15 @@ def serve(
         if ready is not None:
             # From here on the system holds a connection until the server answers it.
             ready(f"http://127.0.0.1:{taken}/{token}/")
-        # No log of requests: their addresses hold the token.
+        # The browser begins, and the records are read, while the server is loaded.
+        from piezo_opt.workbench.bench import Bench
+
         bench = Bench(session, file, worker)
+        bench.ahead()
+
+        import uvicorn
+
+        from piezo_opt.workbench.app import application
 
         class Ending(uvicorn.Server):
             """Lets the pages go when it is asked to end, or it would wait for them, and say so."""
@@ -69,6 +69,7 @@ def serve(
                 super().handle_exit(sig, frame)
                 bench.let_go()
 
+        # No log of requests: their addresses hold the token.
         config = uvicorn.Config(
             application(bench, token, taken), log_level="error", access_log=False,
             server_header=False, timeout_graceful_shutdown=1, ws="none",
