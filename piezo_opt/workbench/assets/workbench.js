@@ -51,6 +51,7 @@ const scaled = (list, factor) => list.map((x) => (x === null ? null : x * factor
 let state = null;
 let view = null; // pictures of the stretch that is looked at
 let placed = null; // and of where the residual lives
+let known = ""; // what the curves that are shown follow from
 let span = null; // [begin, end] of that stretch, or null for the whole
 let suspect = ""; // whose curve lies over the residual
 let record = 0;
@@ -194,6 +195,7 @@ async function brush(rectangle) {
 }
 
 function drawError() {
+  if (!view) return;
   // The errors of every iterate of the steps that hold, and of the one that is being solved.
   $("error-part").hidden = !state.steps.length;
   if (!state.steps.length) return;
@@ -442,7 +444,10 @@ function render(next) {
   const names = (next.scores ? next.scores.suspects : []).map((s) => s.name);
   if (suspect && !names.includes(suspect)) suspect = "";
   recordsPart(); modelPart(); rightPart(); status();
-  if (!next.records) { view = placed = null; build(); } else look();
+  // Curves are asked for again where they may be others, not with every word that is told.
+  const curves = JSON.stringify([next.version, next.shown, !!next.records, !!next.scores]);
+  if (!next.records) { view = placed = null; build(); } else if (curves !== known) look(); else drawError();
+  known = curves;
   if (!before || before.shown !== next.shown || !before.fit !== !next.fit) place();
 }
 
