@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import re
 import sys
 import tempfile
@@ -161,6 +163,15 @@ def main() -> None:
     Standard output that cannot be written (a full disk) is one sentence and exit code 1, after the
     files that were asked for.
     """
+    with contextlib.ExitStack() as streams:
+        for name in ("stdout", "stderr"):
+            if getattr(sys, name) is None:  # closed by who began the process: nobody listens
+                nobody = streams.enter_context(open(os.devnull, "w", encoding="utf-8"))
+                setattr(sys, name, nobody)
+        _told()
+
+
+def _told() -> None:
     said = Enduring(sys.stdout)
     sys.stdout = said
     try:

@@ -220,6 +220,14 @@ def test_standard_output_that_is_full(loop: Path, plain: Path, tmp_path: Path) -
     assert json.loads(out.read_text())["outcome"]["success"]
 
 
+def test_standard_output_that_is_closed(loop: Path) -> None:
+    done = subprocess.run(
+        ["sh", "-c", '"$@" >&-', "sh", COMMAND, "check", loop],
+        stderr=subprocess.PIPE, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.parametrize("after", [0.02, 0.1, 0.3, 0.6])
 def test_ctrl_c_while_it_begins_is_no_traceback(loop: Path, after: float) -> None:
     process = subprocess.Popen(
