@@ -111,7 +111,7 @@ class Resolved:
         sigmas: that were promised.
         here: sigmas between the two most alike on the record itself.
         plants: played.
-        right: in which the model that is true fitted best.
+        right: in which the misfit of the model that is true grew least by the new record.
     """
 
     case: str
@@ -139,7 +139,8 @@ def resolved(
 
     In each plant one member of the group is true, each in turn, with values that its fit to the
     record thinks possible. The advised drive is played on it with noise; the model of every member
-    is fitted to old and new record together.
+    is fitted to old and new record together. What the new record tells is by how much the misfit
+    grows: the old one was made with one member, and may speak for that already.
 
     Args:
         plants: of each case.
@@ -168,23 +169,24 @@ def _resolved(name: str, plants: int, tell: Callable[[str], None]) -> Resolved:
         tell(f"{name}, plant {number + 1} of {plants}")
         true = step.group[number % len(fits)]
         noise = case.noise * rng.normal(size=advice.drive.values.size)
-        left = _left(fits, true, advice, noise, number)
-        right += min(left, key=lambda member: left[member]) == true
+        grown = _grown(fits, true, advice, noise, number)
+        right += min(grown, key=lambda member: grown[member]) == true
     return Resolved(
         name, step.group, advice.drive.description, advice.sigmas, advice.here, plants, right
     )
 
 
-def _left(
+def _grown(
     fits: Mapping[str, Fit], true: str, advice: Advice, noise: FloatArray, seed: int
 ) -> dict[str, float]:
-    """Error of each member's fit to both records [m], where one of them is true."""
+    """Growth of each member's misfit by the new record [m^2], where one of them is true."""
     answer = Answer(fits[true], advice.drive.rate)
     # The first of the draws is the fit itself: the second of each seed is another plant.
     clean = answer.sharp(advice.drive.values, draws(answer, 2, seed)[1])
     new = answer.record(advice.drive.values, clean + noise).rename("new")
-    left = {}
+    grown = {}
     for name, fit in fits.items():
         both = replace(fit.question, records=(*fit.records, new), start=None)
-        left[name] = solve(both, start=fit).rms
-    return left
+        again = solve(both, start=fit)
+        grown[name] = float(np.sum(np.square(again.residuals)) - np.sum(np.square(fit.residuals)))
+    return grown
