@@ -85,8 +85,8 @@ def test_a_user_sees_what_is_missing_adds_it_and_takes_the_script_away(
         assert 95 <= int(samples[1]) <= 106
 
         # Half of the plane: when the record was there is shaded over time.
-        with page.expect_response("**/view?*"):
-            page.keyboard.press("0")
+        page.keyboard.press("0")
+        expect(page.locator("#span")).to_have_text("400 samples")
         over = page.locator("#plane .u-over")
         box = over.bounding_box()
         assert box is not None
