@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, final
 
+from piezo_opt.choosing import chosen, expected, whole, words
 from piezo_opt.diagnosis.advice import Advice, experiments
 from piezo_opt.diagnosis.book import Start
 from piezo_opt.diagnosis.colour import Colour
@@ -317,6 +318,16 @@ def diagnose(
         raise InputError(f"worth={worth}: give a positive number, such as 0.35")
     if max_time is not None and not max_time > 0.0:
         raise InputError(f"max_time={max_time}: give a positive number of seconds, or math.inf")
+    effort = chosen(Effort, effort, "effort")
+    whole(threads, "threads", 1)
+    words(withhold, "withhold")
+    if test is not None:
+        expected(Measurement, test, "test", "a record, such as read returns")
+    expected(Sequence, candidates, "candidates", "effects in a tuple, (Creep(), )")
+    for candidate in candidates:
+        kind = isinstance(candidate, type) and issubclass(candidate, Effect)
+        if not kind:
+            expected(Effect, candidate, "A candidate", "an effect, such as Creep()")
     own = {candidate.name for candidate in candidates}
     for name in withhold:
         if name not in own:

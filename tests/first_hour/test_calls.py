@@ -48,6 +48,12 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "close": (lambda _: po.LevenbergMarquardt(tolerance=float("nan")), "tolerance is nan"),
     "record": (lambda f: po.compare(f.records[0]), "compare: fit 1 is .*: give what solve returns"),
     "letters": (lambda f: po.compare(f, names="a"), "names is the text 'a': give a tuple"),
+    "effort": (lambda f: po.diagnose(f, effort="garbage"), "give Effort.QUICK"),  # type: ignore[arg-type]
+    "word": (lambda f: po.diagnose(f, candidates=["creep"]), "A candidate is 'creep'"),  # type: ignore[list-item]
+    "one": (lambda f: po.diagnose(f, candidates=effects.Creep()), "candidates is Creep"),  # type: ignore[arg-type]
+    "withheld": (lambda f: po.diagnose(f, withhold="creep"), "withhold is the text 'creep'"),
+    "threads": (lambda f: po.diagnose(f, threads=0), "threads is 0"),
+    "test": (lambda f: po.diagnose(f, test=3), "test is 3: give a record"),  # type: ignore[arg-type]
     "drive": (lambda f: po.simulate(f.model, 3), "The record is 3: give what read returns"),  # type: ignore[arg-type]
     "rest": (lambda f: po.simulate(f.model, f.records[0], initial="x"), "give Initial.REST"),  # type: ignore[arg-type]
     "share": (lambda f: po.simulate(f.model, f.records[0], tolerance=-1.0), "tolerance is -1"),
