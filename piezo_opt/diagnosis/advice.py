@@ -324,7 +324,7 @@ def _middle(parameter: Parameter) -> float:
 def _visible(point: BasePoint, one: _Typical) -> float | None:
     """What is left of an effect after the base parameters have explained their share [m]."""
     try:
-        found = point.directions(one.effect, [one.shapes])
+        found = list(point.directions(one.effect, [one.shapes]))
     except Exception:
         # A user's effect may raise whatever it likes; the scores have reported it.
         return None

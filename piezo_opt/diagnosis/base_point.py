@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -117,10 +117,11 @@ class BasePoint:
 
     def directions(
         self, effect: Effect, grid: Sequence[Mapping[str, float]] | None = None
-    ) -> list[Direction]:
+    ) -> Iterator[Direction]:
         """Derivatives by the gate of an effect that is not in the model, one for each shape.
 
-        Shapes whose derivatives are not finite are left out.
+        One after the other, because of a long record each is large. Shapes whose derivatives are
+        not finite are left out.
 
         Args:
             effect: the effect.
@@ -137,7 +138,6 @@ class BasePoint:
         if grid is None:
             grid = self.grid(effect)
         simulators: dict[tuple[float, float], list[Simulator]] = {}
-        found = []
         for shapes in grid:
             own = {f"{name}.{k}": v for k, v in shapes.items()}
             longest, farthest = key = resolving(effect, shapes)
@@ -175,8 +175,7 @@ class BasePoint:
             whole = self.colour.whitened(self._weight * np.concatenate(columns))
             if not np.isfinite(whole).all():
                 continue
-            found.append(Direction(dict(shapes), whole, self.project(whole)))
-        return found
+            yield Direction(dict(shapes), whole, self.project(whole))
 
     @lazy
     def substeps(self) -> tuple[Substeps, ...]:

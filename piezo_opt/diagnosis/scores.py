@@ -19,8 +19,9 @@ Sources: Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57 (score test); Davies (
 from __future__ import annotations
 
 import traceback
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import final
 
 import numpy as np
@@ -33,7 +34,6 @@ from piezo_opt.diagnosis.richer import on_mechanics, on_spring
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.errors import NO_FIT, PiezoOptError
 from piezo_opt.identification import Fit
-from piezo_opt.identification.tall import gram
 from piezo_opt.stopping import Pool
 
 FloatArray = NDArray[np.float64]
@@ -87,12 +87,14 @@ class Unscored:
 class _Best:
     effect: Effect
     point: BasePoint
-    direction: Direction
+    shapes: dict[str, float]
+    unit: FloatArray
+    visibility: float
     gain: float
     chance: float
     size: float
     wrong_side: bool
-    looks: float
+    looks: int
 
 
 def score(
@@ -121,14 +123,12 @@ def score(
         if refusal is not None:
             return Unscored(effect.name, refusal)
         try:
-            directions = at.directions(effect)
+            best = _best(effect, at, at.directions(effect))
         except PiezoOptError as error:
             return Unscored(effect.name, str(error))
         except Exception as error:
             return Unscored(effect.name, _where(error, effect))
-        if not directions:
-            return Unscored(effect.name, "its sensitivities are not finite on this record.")
-        return _best(effect, at, directions)
+        return best or Unscored(effect.name, "its sensitivities are not finite on this record.")
 
     with Pool(max_workers=threads) as pool:
         answers = list(pool.map(one, candidates))
@@ -138,18 +138,14 @@ def score(
     unheard = (a for a in answers if isinstance(a, Unscored) and a.name not in heard)
     unscored = {a.name: a for a in unheard}
     searched = max(1, len(heard))
-    units = []
-    for b in best:
-        length = float(np.linalg.norm(b.direction.projected))
-        units.append(b.direction.projected / length if length > 0 else b.direction.projected)
     names = [b.effect.name for b in best]
-    cosines = np.abs(gram(np.column_stack(units))).tolist() if units else []
+    cosines = np.eye(len(best))
+    for i, j in combinations(range(len(best)), 2):
+        cosines[i, j] = cosines[j, i] = abs(float(best[i].unit @ best[j].unit))
     suspects = []
     for i, b in enumerate(best):
-        whole = float(np.linalg.norm(b.direction.whole))
-        visibility = float(np.linalg.norm(b.direction.projected)) / whole if whole > 0 else 0.0
         closest: dict[str, float] = {}
-        for name, cosine in zip(names, cosines[i], strict=True):
+        for name, cosine in zip(names, cosines[i].tolist(), strict=True):
             # Of several forms of an effect the one that is more alike.
             closest[name] = max(cosine, closest.get(name, 0.0))
         del closest[names[i]]
@@ -165,13 +161,13 @@ def score(
                 predicted_rms=point.fit.rms * float(np.sqrt(max(0.0, 1.0 - gain / own)))
                 if own
                 else 0.0,
-                visibility=visibility,
+                visibility=b.visibility,
                 overlaps=tuple((n, round(c, 4)) for n, c in overlaps if c > 0.5),
                 p_value=1.0 if b.wrong_side else min(1.0, p),
                 size=b.size,
-                shapes=dict(b.direction.shapes),
+                shapes=b.shapes,
                 wrong_side=b.wrong_side,
-                direction=units[i],
+                direction=b.unit,
                 base=b.point.fit,
             )
         )
@@ -187,16 +183,22 @@ def by_name(suspects: Sequence[Suspect]) -> tuple[Suspect, ...]:
     return tuple(sorted(best.values(), key=lambda s: (-s.score, s.p_value)))
 
 
-def _best(effect: Effect, point: BasePoint, directions: list[Direction]) -> _Best:
+def _best(effect: Effect, point: BasePoint, directions: Iterable[Direction]) -> _Best | None:
+    """The shapes that explain most, and how many look different; None without any."""
     r = point.residual
     gate = effect.parameters[effect.gate or ""]
     null = gate.null if gate.null is not None else 0.0
     top: _Best | None = None
+    hidden: _Best | None = None
     seen: list[FloatArray] = []
     for d in directions:
         power = float(d.projected @ d.projected)
         whole = float(d.whole @ d.whole)
         if power <= 1e-18 * whole or power == 0.0:
+            nothing = np.zeros_like(d.projected)
+            hidden = hidden or _Best(
+                effect, point, dict(d.shapes), nothing, 0.0, 0.0, 1.0, 0.0, False, 1
+            )  # fmt: skip
             continue
         along = float(d.projected @ r)
         size = along / power
@@ -205,22 +207,14 @@ def _best(effect: Effect, point: BasePoint, directions: list[Direction]) -> _Bes
         unit = d.projected / np.sqrt(power)
         if all(abs(float(unit @ other)) < 0.95 for other in seen):
             seen.append(unit)
-        better = top is None or (top.wrong_side, -top.gain) > (wrong, -gain)
-        if better:
-            top = _Best(effect, point, d, gain, 1.0, size, wrong, 1.0)
+        if top is None or (top.wrong_side, -top.gain) > (wrong, -gain):
+            top = _Best(
+                effect, point, dict(d.shapes), unit, float(np.sqrt(power / whole)), gain, 1.0,
+                size, wrong, 1,
+            )  # fmt: skip
     if top is None:
-        blank = Direction(directions[0].shapes, directions[0].whole, 0.0 * directions[0].whole)
-        return _Best(effect, point, blank, 0.0, 1.0, 0.0, False, 1.0)
-    return _Best(
-        effect,
-        point,
-        top.direction,
-        top.gain,
-        chance(top.direction.projected, r),
-        top.size,
-        top.wrong_side,
-        float(len(seen)),
-    )
+        return hidden
+    return replace(top, chance=chance(top.unit, r), looks=len(seen))
 
 
 def wald(column: FloatArray, r: FloatArray, *, dense: bool = False) -> float:

@@ -99,7 +99,7 @@ def replayed(point: BasePoint) -> list[tuple[Effect, Any]]:
     """Directions of the whole catalogue at a point, computed once."""
     channels: tuple[str, ...] = ()
     able = [e for e in OPTIONAL if point.question.model.refusal(e, channels) is None]
-    return [(e, point.directions(e)) for e in able]
+    return [(e, list(point.directions(e))) for e in able]
 
 
 @pytest.mark.parametrize("kind", ["white", "autoregressive"])
