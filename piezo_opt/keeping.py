@@ -52,11 +52,16 @@ def own_directory() -> Path:
     """The cache directory, made for its user alone where it is missing.
 
     Raises:
-        InputError: it belongs to another user, or others can write there.
+        InputError: it belongs to another user, others can write there, or it is a file.
         OSError: it cannot be made.
     """
     directory = cache_directory()
-    directory.mkdir(parents=True, exist_ok=True, mode=0o700)
+    try:
+        directory.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except (FileExistsError, NotADirectoryError):
+        raise InputError(
+            f"The cache {directory} is no directory: set PIEZO_OPT_CACHE to one of your own."
+        ) from None
     if not hasattr(os, "getuid"):
         return directory  # where there are no such owners, the system's own rights hold
     found = directory.stat()

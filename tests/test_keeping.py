@@ -9,7 +9,7 @@ from time import time
 import pytest
 
 from piezo_opt.errors import InputError
-from piezo_opt.keeping import cache_directory, kept, prune, used
+from piezo_opt.keeping import cache_directory, kept, own_directory, prune, used
 from piezo_opt.simulation.compiler import load
 
 
@@ -66,9 +66,7 @@ def test_what_was_cut_off_or_changed_is_made_again(cache: Path, share: float) ->
 def test_where_nothing_can_be_written_nothing_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    taken = tmp_path / "a file"
-    taken.touch()
-    monkeypatch.setenv("PIEZO_OPT_CACHE", str(taken))
+    monkeypatch.setenv("PIEZO_OPT_CACHE", str(tmp_path / ("long" * 100)))  # no file system has it
     maker = Maker()
     assert [maker.asked("5"), maker.asked("5")] == [25, 25]
     assert maker.made == 2
@@ -102,6 +100,17 @@ def test_the_directory_is_the_user_s_alone(cache: Path) -> None:
     with pytest.raises(InputError, match="Others can write"):
         load("double po_run(double x) { return x; }")
     assert len(files(cache)) == 1
+
+
+@pytest.mark.parametrize("below", ["", "folder"])
+def test_a_cache_that_is_a_file_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, below: str
+) -> None:
+    (tmp_path / "file").write_text("kept")
+    monkeypatch.setenv("PIEZO_OPT_CACHE", str(tmp_path / "file" / below))
+    with pytest.raises(InputError, match="is no directory: set PIEZO_OPT_CACHE"):
+        own_directory()
+    assert (tmp_path / "file").read_text() == "kept"
 
 
 def test_a_directory_of_somebody_else_is_refused(
