@@ -150,15 +150,18 @@ class Book:
             self._recolour()
             iterations = _FIRST
             for _ in range(0 if self.brief else _ROUNDS):
-                ahead: dict[tuple[Members, bool], tuple[Start, Fit]] = {}
+                ahead: dict[Members, dict[bool, tuple[Start, Fit]]] = {}
                 for start, fit in running:
-                    key = start.members, start.values is None
-                    if key not in ahead or fit.rms < ahead[key][1].rms:
-                        ahead[key] = start, fit
-                ranked = sorted(
-                    ahead.values(), key=lambda pair: self._criterion(pair[0].members, pair[1])
+                    own = ahead.setdefault(start.members, {})
+                    is_fresh = start.values is None
+                    if is_fresh not in own or fit.rms < own[is_fresh][1].rms:
+                        own[is_fresh] = start, fit
+                sets = sorted(
+                    ahead,
+                    key=lambda m: min(self._criterion(m, fit) for _, fit in ahead[m].values()),
                 )
-                ranked = ranked[: max(_LEAST, -(-len(ranked) // kept))]
+                sets = sets[: max(_LEAST, -(-len(sets) // kept))]
+                ranked = [pair for members in sets for pair in ahead[members].values()]
                 open_ = [(s, f) for s, f in ranked if not f.outcome.success]
                 if not open_:
                     break

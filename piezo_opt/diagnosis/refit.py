@@ -12,6 +12,7 @@ from piezo_opt.identification import (
     SingleShooting,
     solve,
 )
+from piezo_opt.values import Values
 
 CLOSE = 1e-5
 """Decrease of the cost in one iteration at which a refit ends: with ten thousand samples a tenth
@@ -25,7 +26,7 @@ def refit(
 
     Args:
         question: the question.
-        start: where it begins.
+        start: where it begins; may hold numbers of another model, which are left alone.
         iterations: most steps taken.
         mend: whether sub-steps that have become too coarse are chosen anew.
 
@@ -35,7 +36,8 @@ def refit(
     """
     solver = LevenbergMarquardt(iterations=iterations, tolerance=CLOSE)
     coarse = SingleShooting(refine=False, mend=float("inf") if mend else 0.0)
-    fit = solve(question, start=start, solver=solver, transcription=coarse, statistics=False)
+    begun = Values(start)
+    fit = solve(question, start=begun, solver=solver, transcription=coarse, statistics=False)
     if fit.outcome.ending is Ending.INTERRUPTED:
         raise KeyboardInterrupt
     return fit

@@ -44,7 +44,7 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "seed": (lambda f: po.solve(f.question, starts=2, seed=-1), "seed is -1"),
     "silent": (lambda f: po.solve(f.question, progress=5), "progress is 5"),  # type: ignore[arg-type]
     "soon": (lambda _: TimeLimit("soon"), "no limit: give a positive time"),  # type: ignore[arg-type]
-    "steps": (lambda _: po.LevenbergMarquardt(iterations=0), "iterations is 0"),
+    "steps": (lambda _: po.LevenbergMarquardt(iterations=-1), "iterations is -1"),
     "close": (lambda _: po.LevenbergMarquardt(tolerance=float("nan")), "tolerance is nan"),
     "record": (lambda f: po.compare(f.records[0]), "compare: fit 1 is .*: give what solve returns"),
     "letters": (lambda f: po.compare(f, names="a"), "names is the text 'a': give a tuple"),

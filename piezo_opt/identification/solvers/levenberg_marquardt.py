@@ -52,7 +52,7 @@ class LevenbergMarquardt:
     logarithms: the valley along which omega^2 and a force grow together is straight there.
 
     Args:
-        iterations: most steps taken.
+        iterations: most steps taken; with 0 the answer is the start.
         tolerance: relative decrease of the cost below which it has converged.
         beyond: rms [m] at which a search that has slowed down is given up; never by default.
         crawl: share by which twenty iterations must lower the cost, or the search ends: it is on
@@ -71,7 +71,7 @@ class LevenbergMarquardt:
     crawl: float = 1e-3
 
     def __post_init__(self) -> None:
-        whole(self.iterations, "LevenbergMarquardt: iterations", 1)
+        whole(self.iterations, "LevenbergMarquardt: iterations", 0)
         for what in ("tolerance", "beyond", "crawl"):
             if not getattr(self, what) >= 0.0:
                 raise InputError(

@@ -1,0 +1,21 @@
+"""A refit begins at the numbers of whichever model was fitted before."""
+
+from __future__ import annotations
+
+import pytest
+
+from piezo_opt.diagnosis.refit import refit
+from piezo_opt.effects import Dahl
+from piezo_opt.identification import Identification, solve
+from problems import hidden_effect
+
+
+def test_numbers_of_a_law_that_is_no_more_are_left_alone() -> None:
+    question: Identification = hidden_effect.question()
+    fit = solve(question, statistics=False)
+    law = next(name for name in fit.model.names if name == "bouc_wen")
+    other = question.with_model(fit.model.replaced(law, Dahl()))
+    values = {**fit.values, "bouc_wen.alpha": 1.0}
+    assert refit(other, values, 5).rms < 0.6 * refit(other, values, 0).rms
+    with pytest.raises(Exception, match="no parameter 'bouc_wen"):
+        solve(other, start=dict(values))
