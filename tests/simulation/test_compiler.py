@@ -145,7 +145,7 @@ def test_rebuilding_leaves_alone_who_uses_the_old_file(cache: Path) -> None:
 
 
 @needs_compiler
-@pytest.mark.parametrize("where", ["a file", "inside a file", "a file for the text"])
+@pytest.mark.parametrize("where", ["a name too long", "a file for the text"])
 def test_a_cache_that_cannot_be_written_is_done_without(
     cache: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
@@ -156,9 +156,7 @@ def test_a_cache_that_cannot_be_written_is_done_without(
         shutil.rmtree(library.parent)
         library.parent.write_text("in the way")
     else:
-        cache.write_text("in the way")
-        if where == "inside a file":
-            monkeypatch.setenv("PIEZO_OPT_CACHE", str(cache / "deeper"))
+        monkeypatch.setenv("PIEZO_OPT_CACHE", str(cache / ("long" * 100)))
     assert value(load(TEXT)) == 6.125
     assert answer(in_another_process()) == 6.125
     assert libraries(cache) == []
