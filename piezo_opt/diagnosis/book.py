@@ -14,7 +14,7 @@ from functools import partial
 from typing import final
 
 from piezo_opt.diagnosis.colour import Colour
-from piezo_opt.diagnosis.evidence import criterion
+from piezo_opt.diagnosis.evidence import RESOLUTION, criterion
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.refit import refit
 from piezo_opt.errors import NO_FIT
@@ -99,6 +99,12 @@ class Book:
     def best(self) -> Members:
         """The set of the least criterion."""
         return min(self._fits, key=self.price)
+
+    @property
+    def level(self) -> tuple[Members, ...]:
+        """The best sets, as far as the criterion can resolve them."""
+        least = self.price(self.best)
+        return tuple(m for m in self.leading if self.price(m) - least < RESOLUTION)
 
     def price(self, members: Members) -> float:
         """The criterion of a set that was fitted."""

@@ -20,7 +20,7 @@ from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.diagnosis.points import Point, points
 from piezo_opt.diagnosis.scores import Suspect, Unscored, at_foot, by_name, scored
 from piezo_opt.diagnosis.search import Effort, search
-from piezo_opt.diagnosis.sketch import is_long, sketched
+from piezo_opt.diagnosis.sketch import sketched
 from piezo_opt.diagnosis.structure import Structure, exceeds, is_noise, structure
 from piezo_opt.diagnosis.told import Rival, Step, Told, in_words, told
 from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
@@ -36,6 +36,7 @@ from piezo_opt.identification import (
     with_statistics,
 )
 from piezo_opt.measurement import Campaign, Measurement
+from piezo_opt.one_thread import one_thread
 from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import show
 
@@ -272,6 +273,7 @@ class Diagnosis:
         return "\n".join(lines)
 
 
+@one_thread()
 def diagnose(
     fit: Fit | Identification | Measurement | Iterable[Measurement],
     *,
@@ -363,9 +365,6 @@ def diagnose(
     base = fit
 
     def begun() -> Sequence[Start]:
-        if not is_long(base):
-            return ()
-        tell("searching the stretch where the base model errs most")
         half = 0.5 * max_time if math.isfinite(max_time) else None
         return sketched(base, offered, withhold, effort, worth, threads, tell, half)
 

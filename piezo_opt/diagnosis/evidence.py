@@ -37,7 +37,7 @@ def criterion(fit: Fit, colour: Colour, members: int, choices: int) -> float:
         choices: effects there were to choose from.
     """
     power = remaining(fit, colour)
-    n = fit.residuals.size
+    n = sum(colour.lengths)
     if not math.isfinite(power) or power <= 0.0:
         return math.inf
     chosen = min(members, choices)
@@ -47,6 +47,8 @@ def criterion(fit: Fit, colour: Colour, members: int, choices: int) -> float:
 
 def remaining(fit: Fit, colour: Colour) -> float:
     """Sum of squares after the noise's filter [m^2]."""
+    if not colour.coefficients:
+        return sum(colour.lengths) * fit.rms**2  # which a fit keeps
     e = colour.whitened(fit.residuals)
     return float(e @ e)
 

@@ -20,7 +20,7 @@ from typing import final
 
 from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.colour import Colour
-from piezo_opt.diagnosis.evidence import RESOLUTION, worth
+from piezo_opt.diagnosis.evidence import worth
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.moves import adds, details, imitations, laws, less, pairs, still
 from piezo_opt.diagnosis.scores import Suspect, Unscored, scored
@@ -105,7 +105,8 @@ def search(
         threads: refits that run at a time.
         tell: called with sentences about what is going on.
         limit: of wall time.
-        begun: gives sets, and where they begin, that are fitted before any is expanded.
+        begun: gives sets, and where they begin, that are fitted before any is expanded. Their
+            neighbours were asked elsewhere: of one that leaves only noise, only details are.
     """
     book = Book(foot, len(offered), threads)
     suspects: tuple[Suspect, ...] = ()
@@ -121,7 +122,9 @@ def search(
 
     try:
         with limit:
-            book.race(begun())
+            known = begun()
+            book.race(known)
+            asked = {start.members.hypothesis for start in known}
             tried, before = 0, foot
             while len(expanded) < effort.expansions and tried < effort.beam:
                 promising = [
@@ -141,17 +144,21 @@ def search(
                 done = is_noise(fit, least)
                 expanded[at.hypothesis] = fit
                 tell(f"{_named(at)} leaves {show(fit.rms, 'm')}; fitting its neighbours")
-                near, lacking = scored(fit, offered, threads, book.colour)
-                if at == book.base:
-                    suspects, unscored, seen_in = near, lacking, book.colour
-                starts = _grown(book, at, near, effort, done=done)
-                starts += _exchanged(book, at, offered, effort, threads)
+                near: Sequence[Suspect] = ()
+                if done and at.hypothesis in asked:
+                    starts = details(fit, book)
+                else:
+                    near, lacking = scored(fit, offered, threads, book.colour)
+                    if at == book.base:
+                        suspects, unscored, seen_in = near, lacking, book.colour
+                    starts = _grown(book, at, near, effort, done=done)
+                    starts += _exchanged(book, at, offered, effort, threads)
                 # Laws have more numbers than an effect and come to their own later: all go on.
                 if at.law == book.base.law and not done:
                     book.race(laws(at, fit, withheld), kept=1)
                 book.race(starts)
                 quiet = is_noise(book.settled(book.best), least)
-                if quiet and any(m.hypothesis in expanded and not ahead(m) for m in _level(book)):
+                if quiet and any(m.hypothesis in expanded and not ahead(m) for m in book.level):
                     break
                 # Two at a time only where one is not enough: they would crowd out single effects.
                 if not (done or quiet):
@@ -165,12 +172,6 @@ def search(
         book.brief = True
         return Searched(book, suspects, unscored, True)
     return Searched(book, suspects, unscored, False)
-
-
-def _level(book: Book) -> list[Members]:
-    """The best sets, as far as the criterion can resolve them."""
-    least = book.price(book.best)
-    return [m for m in book.leading if book.price(m) - least < RESOLUTION]
 
 
 def _pays(book: Book, members: Members) -> bool:

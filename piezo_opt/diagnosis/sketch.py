@@ -1,9 +1,10 @@
-"""A long record is searched on the stretch where the base model errs most, then on all of it.
+"""A long record is searched on its worst fifth, then confirmed on all of it.
 
 What a set of effects costs grows with the samples, how many sets have to be asked does not. The
-best sets of the stretch are where the search of everything begins: what happens once is in the
-stretch, because the base model errs there, and what is slower than the stretch is left to the
-search of everything.
+fifth on which the base model errs most holds what happens once; a fifth that is long itself is
+searched on *its* worst fifth first. The best sets of a part are fitted to everything. Where one
+leaves only noise, no more than its details are asked there; else the search goes on on everything,
+and finds what is slower than the part.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from piezo_opt.diagnosis.book import Start
 from piezo_opt.diagnosis.refit import refit
 from piezo_opt.diagnosis.search import Effort, search
+from piezo_opt.diagnosis.structure import is_noise
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit
@@ -23,18 +25,14 @@ from piezo_opt.measurement import FloatArray, Measurement
 from piezo_opt.simulation import INITIAL
 from piezo_opt.stopping import TimeLimit
 
-STRETCH = 20_000
-"""Samples of a stretch: as many as are enough to choose a base model."""
-LONG = 5
-"""Stretches from which a record is long: a search asks some hundred fits, and each of the few that
-the whole record is then asked takes so many times as long."""
+LONG = 100_000
+"""Samples from which a record is long: a fifth is as many as a base model is chosen on."""
+_PARTS = 5
+"""Parts of which the worst one is searched. With a cost that grows with the samples, parts of parts
+take a quarter of what all of them would, and each is long enough to show what is five times slower
+than the last one could."""
 _STEPS = 40
-"""Iterations of the base model's fit on the stretch, which begins at that of everything."""
-
-
-def is_long(fit: Fit) -> bool:
-    """Whether any record is worth being searched on a stretch first."""
-    return any(_long(record) for record in fit.records)
+"""Iterations of the base model's fit on the part, which begins at that of everything."""
 
 
 def sketched(
@@ -47,16 +45,21 @@ def sketched(
     tell: Callable[[str], None],
     seconds: float | None,
 ) -> list[Start]:
-    """The best sets of the stretches, and where they begin on the whole records.
+    """The best sets of the worst parts, and where they begin on the whole records.
 
     Args:
         fit: the base model on the whole records.
         offered, withheld, effort, least, threads, tell: as of a search.
         seconds: after which the best so far is given; None for no limit.
 
+    Returns:
+        nothing where no record is long, or the base model leaves only noise.
+
     Raises:
         KeyboardInterrupt: it was ended otherwise.
     """
+    if not any(_long(record) for record in fit.records) or is_noise(fit, least):
+        return []
     short = [
         _worst(record, fit.residual(i)) if _long(record) else record
         for i, record in enumerate(fit.records)
@@ -66,31 +69,41 @@ def sketched(
         foot = refit(fit.question.with_records(short), kept, _STEPS)
     except NO_FIT:
         return []
+    samples = sum(len(record) for record in short)
     limit = TimeLimit(seconds)
+    heard = limit.checking(tell)
 
     def told(sentence: str) -> None:
-        tell(f"on a stretch: {sentence}")
+        heard(f"on {samples} samples: {sentence}")
 
-    found = search(foot, offered, withheld, effort, least, threads, limit.checking(told), limit)
+    def begun() -> list[Start]:
+        half = None if seconds is None else 0.5 * seconds
+        return sketched(foot, offered, withheld, effort, least, threads, heard, half)
+
+    found = search(foot, offered, withheld, effort, least, threads, told, limit, begun)
     if found.interrupted and not limit.passed:
         raise KeyboardInterrupt
-    return [
-        Start(
-            members,
-            {k: v for k, v in found.book[members].values.items() if not k.startswith(INITIAL)},
-        )
-        for members in found.book.leading[: effort.beam]
-    ]  # fmt: skip
+    book = found.book
+    best = dict.fromkeys([*book.leading[: effort.beam], *book.level])
+    best.pop(book.base, None)
+    begin = [
+        {k: v for k, v in book[members].values.items() if not k.startswith(INITIAL)}
+        for members in best
+    ]
+    # What a part says of time constants longer than itself may lead a fit of everything astray.
+    fresh = [Start(members, None) for members in best]
+    return [*fresh, *(Start(members, values) for members, values in zip(best, begin, strict=True))]
 
 
 def _long(record: Measurement) -> bool:
-    return len(record) > LONG * STRETCH and record.period is None
+    return len(record) > LONG and record.period is None
 
 
 def _worst(record: Measurement, residual: FloatArray) -> Measurement:
-    """The stretch with the largest sum of squares of a residual on the counted samples."""
+    """The part with the largest sum of squares of a residual on the counted samples."""
     square = np.zeros(len(record))
     square[record.counted] = residual**2
     total = np.concatenate([[0.0], np.cumsum(square)])
-    begin = int(np.argmax(total[STRETCH:] - total[:-STRETCH]))
-    return stretch(record, slice(begin, begin + STRETCH))
+    samples = len(record) // _PARTS
+    begin = int(np.argmax(total[samples:] - total[:-samples]))
+    return stretch(record, slice(begin, begin + samples))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.problem import Identification, Loss, Shape, Start
-from piezo_opt.identification.tall import normal_equations, triangle
+from piezo_opt.identification.tall import inner, normal_equations, triangle
 from piezo_opt.identification.unknowns import Unknowns
 from piezo_opt.lazy import lazy
 from piezo_opt.simulation import TOLERANCE, Accuracy, Initial, Simulator
@@ -267,7 +267,7 @@ class Objective:
         """Half the sum of the loss over the residuals [m^2]."""
         if self.question.loss.shape is Shape.SQUARE:
             with np.errstate(over="ignore"):
-                squares = float(residual @ residual)
+                squares = inner(residual, residual)
             if squares < DIVERGED:
                 return 0.5 * squares
         # A diverging simulation is no better than an infinite one, and must not overflow.
@@ -279,7 +279,7 @@ class Objective:
         """Root mean square of the (weighted) residuals without prior rows [m]."""
         counted = residual[: self.samples]
         with np.errstate(over="ignore"):
-            return float(np.sqrt(counted @ counted / max(1, self.samples)))
+            return float(np.sqrt(inner(counted, counted) / max(1, self.samples)))
 
     def robust(self, point: Linearised) -> Linearised:
         """Residual and Jacobian whose plain least squares step is that of the robust loss."""

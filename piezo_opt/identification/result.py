@@ -19,6 +19,7 @@ from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.outcome import Evaluations, Outcome, Trace
 from piezo_opt.identification.problem import Identification, plain
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
+from piezo_opt.identification.tall import inner
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
 from piezo_opt.measurement import Measurement
 from piezo_opt.readers.files import replacing
@@ -121,7 +122,8 @@ class Fit:
         spread = np.concatenate(
             [r.position[r.counted] - r.position[r.counted].mean() for r in self.records]
         )
-        return float(100.0 * (1.0 - np.linalg.norm(self.residuals) / np.linalg.norm(spread)))
+        left = self.residuals
+        return 100.0 * (1.0 - float(np.sqrt(inner(left, left) / inner(spread, spread))))
 
     @property
     def std(self) -> Mapping[str, float]:

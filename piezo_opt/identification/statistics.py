@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from piezo_opt.identification.objective import Linearised
-from piezo_opt.identification.tall import gram
+from piezo_opt.identification.tall import across, inner
 from piezo_opt.simulation import INITIAL
 
 FloatArray = NDArray[np.float64]
@@ -81,7 +81,7 @@ def uncertainty(
             @ inverse
             * (samples / dof)
         )
-        white = inverse * float(r @ r) / dof
+        white = inverse * inner(r, r) / dof
         # Misfit that happens to cancel must not make the estimate look surer than white noise.
         if np.all(np.diag(own) > 0):
             lift = np.sqrt(np.maximum(1.0, np.diag(white) / np.diag(own)))
@@ -90,7 +90,7 @@ def uncertainty(
             own = white
         covariance[np.ix_(index, index)] = own
     else:
-        covariance[np.ix_(index, index)] = inverse * float(r @ r) / dof
+        covariance[np.ix_(index, index)] = inverse * inner(r, r) / dof
     return Uncertainty(covariance, coloured)
 
 
@@ -113,16 +113,17 @@ def _long_run(j: FloatArray, r: FloatArray, lags: int, columns: NDArray[np.intp]
         if last > first:
             np.cumsum(j[first:last, columns] * r[first:last, None], axis=0, out=own)
             sums[last - (start - width) :] = own[-1]
-        total += gram(sums[width:] - sums[:-width])
+        windows = sums[width:] - sums[:-width]
+        total += across(windows, windows)
     return total / width
 
 
 def _autocorrelation(r: FloatArray, lags: int) -> FloatArray:
     """Correlation of a series with itself 1 to ``lags`` samples later."""
     centred = r - r.mean()
-    power = float(centred @ centred) or 1.0
+    power = inner(centred, centred) or 1.0
     if lags <= _FEW_LAGS:
-        return np.array([centred[k:] @ centred[:-k] for k in range(1, lags + 1)]) / power
+        return np.array([inner(centred[k:], centred[:-k]) for k in range(1, lags + 1)]) / power
     # Up to the next eighth of a power of two, which is as fast to transform and nearer.
     eighth = 1 << max(0, (r.size + lags - 1).bit_length() - 3)
     size = -(-(r.size + lags) // eighth) * eighth
@@ -171,7 +172,7 @@ def blind_spots(
     size = np.where(np.abs(theta) > 1e-3 * scale, np.abs(theta), scale)
     norms = np.sqrt(np.diag(point.normal[2])) * size
     dof = max(1, point.residual.size - theta.size)
-    sigma = float(np.sqrt(point.residual @ point.residual / dof)) or 1e-300
+    sigma = float(np.sqrt(inner(point.residual, point.residual) / dof)) or 1e-300
     told: set[str] = set()
 
     def nuisance(name: str) -> bool:

@@ -5,15 +5,35 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezo_opt.identification.tall import gram, triangle
+from piezo_opt.identification.tall import across, inner, normal_equations, triangle
 
 SHAPES = [(1, 1), (3, 7), (255, 4), (256, 4), (257, 4), (1000, 9), (700, 300), (140000, 3)]
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_the_gram_matrix_is_the_product(shape: tuple[int, int]) -> None:
-    j = np.random.default_rng(0).normal(size=shape)
-    np.testing.assert_allclose(gram(j), j.T @ j, rtol=0, atol=1e-12 * shape[0])
+def test_normal_equations_are_the_products(shape: tuple[int, int]) -> None:
+    generator = np.random.default_rng(0)
+    j, r = generator.normal(size=shape), generator.normal(size=shape[0])
+    squares, slope, bend = normal_equations(j, r)
+    allowed = 1e-12 * shape[0]
+    assert squares == pytest.approx(r @ r, rel=1e-12)
+    np.testing.assert_allclose(slope, j.T @ r, rtol=0, atol=allowed)
+    np.testing.assert_allclose(bend, j.T @ j, rtol=0, atol=allowed)
+    np.testing.assert_allclose(across(j[:, :1], j), j[:, :1].T @ j, rtol=0, atol=allowed)
+
+
+def test_an_inner_product_is_never_shared_by_threads() -> None:
+    # The linear algebra library is asked for no more than it computes in one thread.
+    class Counted(np.ndarray):
+        longest = 0
+
+        def __matmul__(self, other: object) -> object:
+            Counted.longest = max(Counted.longest, self.size)
+            return np.asarray(self) @ np.asarray(other)
+
+    a = np.arange(30_000.0)
+    assert inner(a.view(Counted), a) == pytest.approx(float(a @ a), rel=1e-14)
+    assert 0 < Counted.longest <= 10_000
 
 
 @pytest.mark.parametrize("shape", SHAPES)
