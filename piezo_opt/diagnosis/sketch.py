@@ -2,7 +2,7 @@
 
 What a set of effects costs grows with the samples, how many sets have to be asked does not. The
 fifth on which the base model errs most holds what happens once; a fifth that is long itself is
-searched on *its* worst fifth first. The best sets of a part are fitted to everything. Where one
+searched on *its* worst fifth first. The sets that lead on a part are fitted to everything. Where one
 leaves only noise, no more than its details are asked there; else the search goes on on everything,
 and finds what is slower than the part.
 """
@@ -84,8 +84,7 @@ def sketched(
     if found.interrupted and not limit.passed:
         raise KeyboardInterrupt
     book = found.book
-    best = dict.fromkeys([*book.leading[: effort.beam], *book.level])
-    best.pop(book.base, None)
+    best = [members for members in book.level if members != book.base]
     begin = [
         {k: v for k, v in book[members].values.items() if not k.startswith(INITIAL)}
         for members in best

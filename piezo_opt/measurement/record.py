@@ -216,11 +216,14 @@ class Measurement:
         """Whether the position falls as the drive rises (a mirrored sensor or amplifier).
 
         Judged on running sums, in which the slow part outweighs a resonance: beyond that the
-        position falls as the drive rises, and nothing is mirrored.
+        position falls as the drive rises, and nothing is mirrored. Without their lines: what
+        settles at the beginning shifts the mean, and a running sum is a ramp from there.
         """
-        drive, position = self.drive[self.counted], self.position[self.counted]
-        slow = np.cumsum(drive - drive.mean())
-        return float(slow @ np.cumsum(position - position.mean())) < 0.0
+        drive, position = (
+            without_line(np.cumsum(one[self.counted] - one[self.counted].mean()))
+            for one in (self.drive, self.position)
+        )
+        return float(drive @ position) < 0.0
 
     @property
     def gaps(self) -> tuple[tuple[float, float], ...]:

@@ -213,3 +213,18 @@ def test_a_resonance_is_no_mirror() -> None:
     assert np.corrcoef(drive, position)[0, 1] < 0.0
     assert not po.Measurement(time, drive, position).falls
     assert po.Measurement(time, drive, -position).falls
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_settles_at_the_beginning_mirrors_no_fast_record(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    time = np.arange(30_000) / 500.0
+    lines = np.geomspace(1.0, 50.0, 12)
+    drive = 50.0 + np.sum(
+        [np.cos(2.0 * np.pi * f * time + generator.uniform(0.0, 6.28)) for f in lines], axis=0
+    )
+    settles = 2e-6 * np.exp(-time / 2.0)
+    for settling in (settles, -settles):
+        record = po.Measurement(time, drive, 1e-7 * drive + settling)
+        assert not record.falls
+        assert record.with_(position=-record.position).falls
