@@ -2,7 +2,7 @@
 
 What a set of effects costs grows with the samples, how many sets have to be asked does not. The
 fifth on which the base model errs most holds what happens once; a fifth that is long itself is
-searched on *its* worst fifth first. The sets that lead on a part are fitted to everything. Where one
+searched on *its* worst fifth first. Sets that lead on a part are fitted to everything. Where one
 leaves only noise, no more than its details are asked there; else the search goes on on everything,
 and finds what is slower than the part.
 """
