@@ -42,9 +42,9 @@ from numpy.typing import NDArray
 from piezo_opt.effects.catalogue import model_from_dict
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, PiezoOptError
+from piezo_opt.files import checked
 from piezo_opt.identification import Identification, Prior, Start
 from piezo_opt.measurement import Campaign, Measurement
-from piezo_opt.readers.files import checked
 from piezo_opt.simulation import INITIAL
 from piezo_opt.units import quantity
 from piezo_opt.values import Values

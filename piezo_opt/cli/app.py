@@ -10,16 +10,13 @@ import tempfile
 import traceback
 from collections.abc import Iterator, Mapping
 from importlib import import_module
-from importlib.metadata import version as installed
 from pathlib import Path
-from typing import Annotated, Any, Final, final
+from typing import Any, Final, final
 
-import typer
-from typer.core import TyperGroup
-from typer.exceptions import TyperException
-from typer.models import TyperInfo
+import click
 
 from piezo_opt.cli.codes import BAD_INPUT, FAILED, INTERRUPTED
+from piezo_opt.cli.declare import Exit, command, echo
 from piezo_opt.cli.enduring import Enduring
 from piezo_opt.errors import PiezoOptError
 
@@ -37,24 +34,13 @@ _ROOMS: Final = {
 
 
 @final
-class _OnDemand(Mapping[str, Any]):
+class _OnDemand(Mapping[str, click.Command]):
     """The commands by name, each made of its file when it is asked for: none waits for another's
     imports."""
 
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> click.Command:
         made = getattr(import_module(f"piezo_opt.cli.{_ROOMS[name]}"), name)
-        if isinstance(made, typer.Typer):
-            return typer.main.get_group_from_info(
-                TyperInfo(made, name=name),
-                pretty_exceptions_short=True,
-                rich_markup_mode=None,
-                suggest_commands=True,
-            )
-        alone = typer.Typer(
-            add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False
-        )
-        alone.command(name)(made)
-        return typer.main.get_command(alone)
+        return made if isinstance(made, click.Command) else command(made, name)
 
     def __iter__(self) -> Iterator[str]:
         return iter(_ROOMS)
@@ -64,31 +50,35 @@ class _OnDemand(Mapping[str, Any]):
 
 
 @final
-class _OneSentence(TyperGroup):
+class _OneSentence(click.Group):
     """Turns what a user did wrong into one sentence on stderr and exit code 2."""
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
         self.commands = _OnDemand()  # type: ignore[assignment]
 
+    def list_commands(self, _: click.Context) -> list[str]:
+        """In the order of the help."""
+        return list(self.commands)
+
     def invoke(self, ctx: Any) -> Any:
         """Run the command; an error of the user's is no reason for a traceback."""
         try:
             return super().invoke(ctx)
         except PiezoOptError as error:
-            typer.echo(_in_options(" ".join(str(error).split())), err=True)
-            raise typer.Exit(BAD_INPUT) from None
+            echo(_in_options(" ".join(str(error).split())), err=True)
+            raise Exit(BAD_INPUT) from None
         except MemoryError:
-            typer.echo("There is not enough memory: cut the record or thin it.", err=True)
-            raise typer.Exit(BAD_INPUT) from None
+            echo("There is not enough memory: cut the record or thin it.", err=True)
+            raise Exit(BAD_INPUT) from None
         except KeyboardInterrupt:
-            typer.echo("Interrupted before there was a result.", err=True)
-            raise typer.Exit(INTERRUPTED) from None
+            echo("Interrupted before there was a result.", err=True)
+            raise Exit(INTERRUPTED) from None
         except _ITS_OWN:
             raise
         except Exception as error:
-            typer.echo(_to_send(error), err=True)
-            raise typer.Exit(FAILED) from None
+            echo(_to_send(error), err=True)
+            raise Exit(FAILED) from None
 
 
 _SAID_IN_PYTHON: Final = re.compile(
@@ -103,7 +93,7 @@ def _in_options(sentence: str) -> str:
     return _SAID_IN_PYTHON.sub(r"--\1 ", sentence)
 
 
-_ITS_OWN = (TyperException, typer.Exit, typer.Abort)
+_ITS_OWN = (click.ClickException, Exit, click.Abort)
 """What the command-line library raises on purpose, to be told or to end."""
 
 
@@ -117,7 +107,7 @@ def _to_send(error: Exception) -> str:
         with tempfile.NamedTemporaryFile(
             "w", encoding="utf-8", prefix="piezo-opt-", suffix=".txt", delete=False
         ) as file:
-            file.write(f"piezo-opt {installed('piezo_opt')}\n{' '.join(sys.argv)}\n\n")
+            file.write(f"piezo-opt {_installed()}\n{' '.join(sys.argv)}\n\n")
             traceback.print_exception(error, file=file)
     except OSError:
         where = traceback.extract_tb(error.__traceback__)[-1]
@@ -128,33 +118,31 @@ def _to_send(error: Exception) -> str:
     return f"{what} Please send {file.name} with a description of the record."
 
 
-app = typer.Typer(
-    cls=_OneSentence,
+def _version(_context: click.Context, _option: click.Parameter, asked: bool) -> None:
+    if asked:
+        echo(f"piezo-opt {_installed()}")
+        raise Exit
+
+
+def _installed() -> str:
+    from importlib.metadata import version  # slow to load, and rarely asked
+
+    return version("piezo_opt")
+
+
+app = _OneSentence(
     name="piezo-opt",
     help="Identify piezoelectric actuators: read a record, fit the physics, see what is missing.",
     epilog="Begin with: piezo-opt demo",
     no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-)
-
-
-def _version(asked: bool) -> None:
-    if asked:
-        typer.echo(f"piezo-opt {installed('piezo_opt')}")
-        raise typer.Exit
-
-
-@app.callback()
-def _options(
-    version: Annotated[
-        bool,
-        typer.Option("--version", callback=_version, is_eager=True, help="Print the version."),
-    ] = False,
-) -> None:
-    pass
+    params=[
+        click.Option(
+            ["--version"], is_flag=True, expose_value=False, is_eager=True, callback=_version,
+            help="Print the version.",
+        )
+    ],
+)  # fmt: skip
 
 
 def main() -> None:
@@ -180,7 +168,7 @@ def _told() -> None:
         said.flush()
         if not said.failed:
             raise
-        typer.echo(
+        echo(
             f"Standard output could not be written ({said.failed}); files that were asked for are "
             "whole.",
             err=True,

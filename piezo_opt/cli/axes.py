@@ -5,42 +5,30 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.codes import INTERRUPTED
+from piezo_opt.cli.declare import Argument, Commands, Exit, Option, echo
 from piezo_opt.cli.linear import number_range
 from piezo_opt.cli.telling import telling
 from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import quantity
 
-axes = typer.Typer(
-    name="axes",
-    help="Identify and simulate stages with several drives and positions.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+axes = Commands("axes", "Identify and simulate stages with several drives and positions.")
 
 Files: TypeAlias = Annotated[
     list[Path],
-    typer.Argument(
+    Argument(
         help="Records: .h5 with voltage and displacement, u_NAME.npy beside y_NAME.npy, tables, or "
         "folders of these.",
-        show_default=False,
     ),
 ]
 Sampling: TypeAlias = Annotated[
-    str | None, typer.Option("--rate", metavar="'6400 Hz'", help="Sampling rate of arrays.")
+    str | None, Option("--rate", metavar="'6400 Hz'", help="Sampling rate of arrays.")
 ]
 Repeats: TypeAlias = Annotated[
-    str | None, typer.Option("--period", metavar="'1.28 s'", help="Period of tables.")
+    str | None, Option("--period", metavar="'1.28 s'", help="Period of tables.")
 ]
-
-
-@axes.callback()
-def _front() -> None:
-    """Identify and simulate stages with several drives and positions."""
 
 
 @axes.command()
@@ -64,7 +52,7 @@ def response(
     from piezo_opt.readers import read_axes
 
     found = [response_matrix(one) for one in read_axes(*files, rate=rate, period=period).levels]
-    typer.echo("\n\n".join(map(str, found)))
+    echo("\n\n".join(map(str, found)))
     if json is not None:
         told = {"schema": "piezo_opt.axes_response/1", "levels": [one.to_dict() for one in found]}
         outputs.write_json(json, told, overwrite=overwrite)
@@ -77,18 +65,18 @@ def fit(
     files: Files,
     modes: Annotated[
         str | None,
-        typer.Option(metavar="N|N-M", help="Number of modes, or a range; by default 2 to 24."),
+        Option(metavar="N|N-M", help="Number of modes, or a range; by default 2 to 24."),
     ] = None,
     real: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Real poles, for creep and amplifier.")
+        int, Option(min=0, metavar="N", help="Real poles, for creep and amplifier.")
     ] = 2,
     held_out: Annotated[
         int,
-        typer.Option(
+        Option(
             min=0, metavar="N", help="Realisations of every amplitude that only judge; 0 for none."
         ),
     ] = 2,
-    compare: Annotated[bool, typer.Option(help="Fit and judge linear models beside it.")] = True,
+    compare: Annotated[bool, Option(help="Fit and judge linear models beside it.")] = True,
     rate: Sampling = None,
     period: Repeats = None,
     json: o.Json = None,
@@ -119,24 +107,24 @@ def fit(
             records, counts[0] if len(counts) == 1 else list(counts),
             real=real, held_out=held_out, compare=compare, progress=tell,
         )  # fmt: skip
-    typer.echo(str(found))
+    echo(str(found))
     if json is not None:
         outputs.write_json(json, found.to_dict(), overwrite=overwrite)
     if report is not None:
         outputs.write_page(report, found, overwrite=overwrite)
     if found.interrupted and not limit.passed:
-        raise typer.Exit(INTERRUPTED)
+        raise Exit(INTERRUPTED)
 
 
 @axes.command()
 def simulate(
-    model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="What 'axes fit' wrote.")],
+    model: Annotated[Path, Argument(metavar="MODEL.json", help="What 'axes fit' wrote.")],
     files: Files,
     rate: Sampling = None,
     period: Repeats = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="OUT.npz", help="Simulated positions [m] of every record, by name."),
+        Option(metavar="OUT.npz", help="Simulated positions [m] of every record, by name."),
     ] = None,
     json: o.Json = None,
     overwrite: o.Overwrite = False,
@@ -162,6 +150,6 @@ def simulate(
         write_positions(
             out, {one.name: found.simulate(one) for one in records}, overwrite=overwrite
         )
-    typer.echo(str(error))
+    echo(str(error))
     if json is not None:
         outputs.write_json(json, error.to_dict(), overwrite=overwrite)

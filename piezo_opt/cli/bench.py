@@ -6,8 +6,6 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.bench_advice import advice
@@ -17,17 +15,13 @@ from piezo_opt.cli.bench_optimisers import optimisers
 from piezo_opt.cli.bench_speed import speed
 from piezo_opt.cli.bench_spiked import spiked
 from piezo_opt.cli.bench_video import video
+from piezo_opt.cli.declare import Commands, Option, echo
 from piezo_opt.cli.solving import pool
 from piezo_opt.cli.telling import telling
 from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import quantity
 
-bench = typer.Typer(
-    name="bench",
-    help="Measure what the package claims.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+bench = Commands("bench", "Measure what the package claims.")
 
 
 class Size(Enum):
@@ -53,51 +47,44 @@ bench.command()(spiked)
 bench.command()(video)
 
 
-@bench.callback()
-def _front() -> None:
-    """Measure what the package claims."""
-
-
 @bench.command()
 def hidden(
     classes: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="A,B+C",
             help="Classes of hidden effects, 'none', 'two', or pairs; all unless given.",
         ),
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Records of each class.")] = 20,
-    first_seed: Annotated[int, typer.Option(min=0, metavar="N", help="Where seeds begin.")] = 0,
+    seeds: Annotated[int, Option(min=1, metavar="N", help="Records of each class.")] = 20,
+    first_seed: Annotated[int, Option(min=0, metavar="N", help="Where seeds begin.")] = 0,
     level: Annotated[
-        Size, typer.Option(help="Effects of 3 to 30 times the noise, or of 0.7 to 3.")
+        Size, Option(help="Effects of 3 to 30 times the noise, or of 0.7 to 3.")
     ] = Size.STANDARD,
-    samples: Annotated[int, typer.Option(min=500, metavar="N", help="Of each record.")] = 8000,
+    samples: Annotated[int, Option(min=500, metavar="N", help="Of each record.")] = 8000,
     workers: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Processes that share the records.")
+        int, Option(min=1, metavar="N", help="Processes that share the records.")
     ] = 1,
     json: o.Json = None,
     log: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE.jsonl", help="Keeps finished records; a second run goes on from it."
-        ),
+        Option(metavar="FILE.jsonl", help="Keeps finished records; a second run goes on from it."),
     ] = None,
     family: Annotated[
         Plants | None,
-        typer.Option(help="Whose plants: the first family, or one by another hand."),
+        Option(help="Whose plants: the first family, or one by another hand."),
     ] = None,
     blind: Annotated[
         bool,
-        typer.Option("--blind", help="Only totals, of foreign plants unless told otherwise."),
+        Option("--blind", help="Only totals, of foreign plants unless told otherwise."),
     ] = False,
     baseline: Annotated[
         bool,
-        typer.Option("--baseline", help="Also refit with every effect and take the best: slow."),
+        Option("--baseline", help="Also refit with every effect and take the best: slow."),
     ] = False,
     leave_out: Annotated[
         bool,
-        typer.Option("--leave-out", help="Diagnose with a catalogue that lacks what is hidden."),
+        Option("--leave-out", help="Diagnose with a catalogue that lacks what is hidden."),
     ] = False,
     max_time: o.MaxTime = None,
     overwrite: o.Overwrite = False,
@@ -135,14 +122,14 @@ def hidden(
             baseline=baseline,
             leave_out=leave_out,
         )
-    typer.echo(str(found))
+    echo(str(found))
     if json is not None:
         outputs.write_json(json, found.to_dict(), overwrite=overwrite)
 
 
 @bench.command()
 def linear_coverage(
-    seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Records.")] = 200,
+    seeds: Annotated[int, Option(min=1, metavar="N", help="Records.")] = 200,
 ) -> None:
     """How often the 95 % intervals of a black-box linear fit hold the truth.
 
@@ -153,7 +140,7 @@ def linear_coverage(
     from piezo_opt.benchmark.linear_coverage import linear_coverage as measured
 
     for name, share in measured(seeds).items():
-        typer.echo(f"{name:<22}{100.0 * share:.1f} % of {seeds}")
+        echo(f"{name:<22}{100.0 * share:.1f} % of {seeds}")
 
 
 @bench.command()
@@ -166,4 +153,4 @@ def linear_peers() -> None:
     """
     from piezo_opt.benchmark.linear_peers import linear_peers as measured
 
-    typer.echo(str(measured()))
+    echo(str(measured()))

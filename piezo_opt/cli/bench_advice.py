@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Option, echo
 from piezo_opt.cli.telling import telling
 
 
 def advice(
-    plants: Annotated[int, typer.Option(min=2, metavar="N", help="Plants of each case.")] = 100,
+    plants: Annotated[int, Option(min=2, metavar="N", help="Plants of each case.")] = 100,
     cases: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Of lag, creep, stiffening, bent gain.")
+        str | None, Option(metavar="A,B", help="Of lag, creep, stiffening, bent gain.")
     ] = None,
     json: o.Json = None,
     overwrite: o.Overwrite = False,
@@ -34,7 +33,7 @@ def advice(
     with telling("Plants") as tell:
         found = resolved(plants, cases=chosen, progress=tell)
     for one in found:
-        typer.echo(str(one))
+        echo(str(one))
     if json is not None:
         outputs.write_json(
             json,

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Option, echo
 from piezo_opt.cli.telling import telling
 
 
 def faults(
     steps: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Samples of all controllers together.")
+        int, Option(min=1, metavar="N", help="Samples of all controllers together.")
     ] = 1_000_000,
-    seed: Annotated[int, typer.Option(min=0, help="Of faults and noise.")] = 0,
+    seed: Annotated[int, Option(min=0, help="Of faults and noise.")] = 0,
     json: o.Json = None,
     overwrite: o.Overwrite = False,
 ) -> None:
@@ -30,6 +29,6 @@ def faults(
     outputs.check({"--json": json}, overwrite=overwrite)
     with telling("Faults") as tell:
         found = endure(steps, seed, progress=tell)
-    typer.echo(str(found))
+    echo(str(found))
     if json is not None:
         outputs.write_json(json, found.to_dict(), overwrite=overwrite)

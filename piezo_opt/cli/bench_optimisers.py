@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Option, echo
 from piezo_opt.cli.solving import pool
 from piezo_opt.cli.telling import telling
 from piezo_opt.errors import InputError
@@ -19,37 +18,31 @@ _SHOWN = (1e-3, 1e-7)
 
 def optimisers(
     problems: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Problems by name; all unless given.")
+        str | None, Option(metavar="A,B", help="Problems by name; all unless given.")
     ] = None,
     solvers: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Solvers by name; all unless given.")
+        str | None, Option(metavar="A,B", help="Solvers by name; all unless given.")
     ] = None,
     hide: Annotated[
         str | None,
-        typer.Option(
-            metavar="A,B", help="Solvers left out of tables and profiles, not of the log."
-        ),
+        Option(metavar="A,B", help="Solvers left out of tables and profiles, not of the log."),
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Starts of each problem.")] = 20,
+    seeds: Annotated[int, Option(min=1, metavar="N", help="Starts of each problem.")] = 20,
     variants: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Perturbed copies of each problem.")
+        int, Option(min=1, metavar="N", help="Perturbed copies of each problem.")
     ] = 4,
     budget: Annotated[
-        float, typer.Option(metavar="N", help="Simulations for each unknown and one more.")
+        float, Option(metavar="N", help="Simulations for each unknown and one more.")
     ] = 400.0,
-    limit: Annotated[
-        float, typer.Option(metavar="S", help="Seconds of processor time of a run.")
-    ] = 3.0,
-    workers: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Processes that share the runs.")
-    ] = 1,
+    limit: Annotated[float, Option(metavar="S", help="Seconds of processor time of a run.")] = 3.0,
+    workers: Annotated[int, Option(min=1, metavar="N", help="Processes that share the runs.")] = 1,
     log: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.h5", help="Keeps finished runs; a second call goes on from it."),
+        Option(metavar="FILE.h5", help="Keeps finished runs; a second call goes on from it."),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder for pictures of the profiles and their numbers."),
+        Option(metavar="DIR", help="Folder for pictures of the profiles and their numbers."),
     ] = None,
     json: o.Json = None,
     overwrite: o.Overwrite = False,
@@ -79,16 +72,16 @@ def optimisers(
     shown = found.without(*(_names(hide) or ()))
     if json is not None:
         outputs.write_json(json, shown.to_dict(), overwrite=overwrite)
-    typer.echo(str(shown))
+    echo(str(shown))
     whole = found.whole_s(len(CASES), len(CONTENDERS), 20) / workers / 60.0
-    typer.echo(
+    echo(
         f"\nAll {len(CASES)} problems, {len(CONTENDERS)} solvers and 20 seeds would take about "
         f"{whole:.0f} minutes on {workers} idle cores, by the processor time of these runs."
     )
     for kind in ("data", "performance"):
-        typer.echo(f"\n{kind.capitalize()} profile at {_SHOWN[0]:g}:")
+        echo(f"\n{kind.capitalize()} profile at {_SHOWN[0]:g}:")
         for sentence in shown.sentences(kind, _SHOWN[0]):
-            typer.echo(f"  {sentence}")
+            echo(f"  {sentence}")
     if out is not None:
         _write(out, shown)
 

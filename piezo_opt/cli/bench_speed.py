@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Option, echo
 from piezo_opt.cli.telling import telling
 from piezo_opt.errors import InputError
 
@@ -19,23 +18,23 @@ if TYPE_CHECKING:
 
 
 def speed(
-    samples: Annotated[int, typer.Option(min=100, metavar="N", help="Of the record.")] = 8000,
+    samples: Annotated[int, Option(min=100, metavar="N", help="Of the record.")] = 8000,
     repetitions: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Runs of each, in turns; the fastest counts.")
+        int, Option(min=1, metavar="N", help="Runs of each, in turns; the fastest counts.")
     ] = 15,
     library: Annotated[
-        bool, typer.Option(help="Build the library of all effects anew, in an empty folder.")
+        bool, Option(help="Build the library of all effects anew, in an empty folder.")
     ] = True,
     alternatives: Annotated[
-        bool, typer.Option(help="Also what a user would take instead, at equal accuracy.")
+        bool, Option(help="Also what a user would take instead, at equal accuracy.")
     ] = True,
     scaling: Annotated[
         bool,
-        typer.Option(help="Also how time grows with resonance, parameters and sets."),
+        Option(help="Also how time grows with resonance, parameters and sets."),
     ] = True,
     picture: Annotated[
         Path | None,
-        typer.Option(metavar="OUT.png", help="Error against time of every way: .png or .svg."),
+        Option(metavar="OUT.png", help="Error against time of every way: .png or .svg."),
     ] = None,
     json: o.Json = None,
     overwrite: o.Overwrite = False,
@@ -56,7 +55,7 @@ def speed(
     from piezo_opt.benchmark.equal_accuracy import equal_accuracy
     from piezo_opt.benchmark.scaling import measure_scaling
     from piezo_opt.benchmark.speed import measure
-    from piezo_opt.readers.files import replacing
+    from piezo_opt.files import replacing
     from piezo_opt.report.speed_figures import work_precision
 
     outputs.check({"--json": json, "--picture": picture}, overwrite=overwrite)
@@ -71,11 +70,11 @@ def speed(
             more["scaling"] = measure_scaling(samples, repetitions, progress=tell)
             tell("many sets")
             more["batch"] = measure_batch(repetitions=repetitions)
-    typer.echo(str(found))
+    echo(str(found))
     if beside is not None:
-        typer.echo(f"\n{beside}")
+        echo(f"\n{beside}")
     for one in more.values():
-        typer.echo(f"\n{one}")
+        echo(f"\n{one}")
     if json is not None:
         told = {name: one.to_dict() for name, one in more.items()}
         if beside is not None:

@@ -5,23 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Argument, Option, echo
 from piezo_opt.cli.telling import telling
 from piezo_opt.readers import read
 from piezo_opt.units import quantity
 
 
 def spiked(
-    records: Annotated[list[Path], typer.Argument(metavar="RECORD...", help="Measured records.")],
+    records: Annotated[list[Path], Argument(metavar="RECORD...", help="Measured records.")],
     effects: Annotated[
-        str | None, typer.Option(metavar="A,B", help="What is added; all that can be unless given.")
+        str | None, Option(metavar="A,B", help="What is added; all that can be unless given.")
     ] = None,
     size: Annotated[
         float,
-        typer.Option(metavar="X", help="Of what is added, over what the diagnosis leaves without."),
+        Option(metavar="X", help="Of what is added, over what the diagnosis leaves without."),
     ] = 5.0,
     json: o.Json = None,
     max_time: o.MaxTime = None,
@@ -45,6 +44,6 @@ def spiked(
         found = measured(
             [read(path) for path in records], asked, size=size, max_time=seconds, progress=tell
         )
-    typer.echo(str(found))
+    echo(str(found))
     if json is not None:
         outputs.write_json(json, found.to_dict(), overwrite=overwrite)

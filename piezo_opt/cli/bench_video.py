@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Option, echo
 from piezo_opt.cli.telling import telling
 from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import quantity
@@ -15,9 +14,9 @@ from piezo_opt.units import quantity
 
 def video(
     frames: Annotated[
-        int, typer.Option(min=50, metavar="N", help="Frames in which the tip jumps anywhere.")
+        int, Option(min=50, metavar="N", help="Frames in which the tip jumps anywhere.")
     ] = 1000,
-    seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Films of each motion.")] = 2,
+    seeds: Annotated[int, Option(min=1, metavar="N", help="Films of each motion.")] = 2,
     seed: o.Seed = 0,
     max_time: o.MaxTime = None,
     json: o.Json = None,
@@ -45,16 +44,16 @@ def video(
             for kind in KINDS:
                 rows += calibration((kind,), seeds=seeds, first_seed=seed, progress=tell)
     except KeyboardInterrupt:
-        typer.echo("Ended early.", err=True)
+        echo("Ended early.", err=True)
     if leaps is not None:
-        typer.echo(str(leaps))
+        echo(str(leaps))
     if rows:
-        typer.echo(
+        echo(
             f"\n{'film':<42}{'frames':>7}{'valid':>8}{'rms':>9}{'largest':>9}{'in 2 sigma':>12}"
             f"{'locking':>9}"
         )
     for row in rows:
-        typer.echo(
+        echo(
             f"{row.kind:<42}{row.frames:>7}{100 * row.valid:>6.1f} %{row.rms:>9.4f}"
             f"{row.worst:>9.3f}{100 * row.inside:>10.1f} %{row.locking:>9.4f}"
         )

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import sys
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.checking import UNANSWERED, Checking
+from piezo_opt.cli.declare import Exit, echo
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.inputs import AS_WRITTEN, Reading
 from piezo_opt.measurement import check as examine
@@ -44,10 +43,10 @@ def check(
     if json is not None:
         outputs.write_json(json, found.to_dict(), overwrite=overwrite)
     if _braille():
-        typer.echo(f"{found.pictures()}\n")
-    typer.echo(str(found))
+        echo(f"{found.pictures()}\n")
+    echo(str(found))
     if found.refused:
-        raise typer.Exit(REFUSED)
+        raise Exit(REFUSED)
 
 
 def _braille() -> bool:

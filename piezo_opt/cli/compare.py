@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.checking import UNANSWERED, Checking
 from piezo_opt.cli.choices import TranscriptionName
+from piezo_opt.cli.declare import Option, echo
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
 from piezo_opt.cli.solving import Solving, exit_code, leave
@@ -26,13 +25,13 @@ def compare(
     records: o.Records,
     model: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             metavar="MODEL.toml", help="Model file, JSON of a fit, or 'default'; repeat for more."
         ),
     ] = None,
     test: Annotated[
         list[Path] | None,
-        typer.Option(metavar="RECORD", help="Record to compare on, which no model is fitted to."),
+        Option(metavar="RECORD", help="Record to compare on, which no model is fitted to."),
     ] = None,
     json: o.Json = None,
     report: o.Page = None,
@@ -76,9 +75,9 @@ def compare(
         if exit_code(fits[-1]) or limit.passed:
             break
     comparison = side_by_side(*fits, on=held_out)
-    typer.echo(str(comparison))
+    echo(str(comparison))
     for name in chosen[len(fits) :]:
-        typer.echo(f"Not fitted for want of time: {name}.")
+        echo(f"Not fitted for want of time: {name}.")
     if json is not None:
         outputs.write_json(json, comparison.to_dict(), overwrite=overwrite)
     if report is not None:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
+from piezo_opt.cli.declare import Option, echo
 from piezo_opt.demo import PAGE, run
 
 
 def demo(
     out: Annotated[
         Path,
-        typer.Option(metavar="DIR|OUT.html", help=f"Where to write; a folder gets {PAGE}."),
+        Option(metavar="DIR|OUT.html", help=f"Where to write; a folder gets {PAGE}."),
     ] = Path(),
 ) -> None:
     """Fit the thesis' measured loop, say where the fit fails, and write a page with pictures.
@@ -26,4 +25,4 @@ def demo(
       piezo-opt demo --out /tmp
     """
     done = run(out)
-    typer.echo(str(done))
+    echo(str(done))

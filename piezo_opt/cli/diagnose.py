@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.candidates import Candidates, read_candidates
 from piezo_opt.cli.checking import UNANSWERED, Checking
 from piezo_opt.cli.choices import EffortName, TranscriptionName
 from piezo_opt.cli.codes import INTERRUPTED
+from piezo_opt.cli.declare import Exit, Option, echo
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
 from piezo_opt.cli.solving import Solving, exit_code, leave
@@ -36,27 +35,27 @@ def diagnose(
     model: o.ModelPath = DEFAULT,
     test: Annotated[
         Path | None,
-        typer.Option(metavar="RECORD", help="Record to judge on, which nothing is fitted to."),
+        Option(metavar="RECORD", help="Record to judge on, which nothing is fitted to."),
     ] = None,
     candidates: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.py", help="Effects of your own, beside the catalogue."),
+        Option(metavar="FILE.py", help="Effects of your own, beside the catalogue."),
     ] = None,
     add: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Effect that is in the model from the beginning."),
+        Option(metavar="NAME", help="Effect that is in the model from the beginning."),
     ] = None,
     without: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Effect taken out of the model, and not considered."),
+        Option(metavar="NAME", help="Effect taken out of the model, and not considered."),
     ] = None,
     withhold: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Effect not to be considered; repeat for more."),
+        Option(metavar="NAME", help="Effect not to be considered; repeat for more."),
     ] = None,
     max_time: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="'60 s'",
             help="Then give the best so far. Unless given, a minute and 2 s more for every "
             "thousand samples.",
@@ -64,11 +63,11 @@ def diagnose(
     ] = None,
     effort: Annotated[
         EffortName,
-        typer.Option(help="How many sets of effects are tried before it ends."),
+        Option(help="How many sets of effects are tried before it ends."),
     ] = EffortName.NORMAL,
     worth: Annotated[
         float,
-        typer.Option(
+        Option(
             metavar="NUMBER",
             help="What an effect must explain to be named. 0.35: the error grows by 6 % or more "
             "when it is left out again (sqrt(1 + NUMBER^2)).",
@@ -78,7 +77,7 @@ def diagnose(
     report: o.Page = None,
     drives: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Write the drives worth playing next here, as CSV."),
+        Option(metavar="DIR", help="Write the drives worth playing next here, as CSV."),
     ] = None,
     reading: Reading = AS_WRITTEN,
     checking: Checking = UNANSWERED,
@@ -125,7 +124,7 @@ def diagnose(
     baseline = how.fit(question, remarks, "Base model", limit)
     if exit_code(baseline):
         # There is no diagnosis; what there is goes where it was asked for.
-        typer.echo(str(baseline))
+        echo(str(baseline))
         if json is not None:
             outputs.write_json(json, baseline.to_dict(), overwrite=overwrite)
         if report is not None:
@@ -142,11 +141,11 @@ def diagnose(
             max_time=limit.left,
             progress=tell,
         )
-    typer.echo(str(found))
+    echo(str(found))
     # What the first fit left out, the search may have found.
     joined = baseline.model.quasi_static and not found.final.model.quasi_static
     for sentence in (*own.remarks, *(() if joined else remarks)):
-        typer.echo(f"Remark: {sentence}")
+        echo(f"Remark: {sentence}")
     if json is not None:
         outputs.write_json(json, found.to_dict(), overwrite=overwrite)
     if drives is not None:
@@ -154,7 +153,7 @@ def diagnose(
     if report is not None:
         outputs.write_page(report, found, overwrite=overwrite)
     if found.stopped is Stopped.USER:
-        raise typer.Exit(INTERRUPTED)
+        raise Exit(INTERRUPTED)
 
 
 def _overruled(
@@ -187,7 +186,7 @@ def _judge(later: Campaign | None) -> Measurement | None:
 def _play(found: Diagnosis, folder: Path, *, overwrite: bool) -> None:
     """Write the drives worth playing; without any, say so."""
     if not found.experiments:
-        typer.echo("No drive is advised: there is no group to split, nothing hidden to show.")
+        echo("No drive is advised: there is no group to split, nothing hidden to show.")
         return
     for file in write_drives(found.experiments, folder, overwrite=overwrite):
-        typer.echo(f"Drive: {file}")
+        echo(f"Drive: {file}")

@@ -6,58 +6,42 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
-import typer
-
 from piezo_opt.cli import options as o
+from piezo_opt.cli.declare import Argument, Commands, Option, echo
 from piezo_opt.cli.inputs import Reading
 from piezo_opt.units import quantity
 
-export = typer.Typer(
-    name="export",
-    help="Take a fitted model away as code that needs nothing of this package.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
-
-
-@export.callback()
-def _front() -> None:
-    """Take a fitted model away as code that needs nothing of this package."""
+export = Commands("export", "Take a fitted model away as code that needs nothing of this package.")
 
 
 Holder: TypeAlias = Annotated[
     Path,
-    typer.Argument(
+    Argument(
         metavar="FIT.json", help="JSON of a fit, diagnosis or comparison, or a model file.",
-        show_default=False,
     ),
 ]  # fmt: skip
-Out: TypeAlias = Annotated[
-    Path, typer.Option("--out", metavar="DIR", help="Folder to make.", show_default=False)
-]
+Out: TypeAlias = Annotated[Path, Option("--out", metavar="DIR", help="Folder to make.")]
 Replayed: TypeAlias = Annotated[
     Path | None,
-    typer.Option(
-        metavar="RECORD", help="Record for the check; best one that the fit has not seen."
-    ),
+    Option(metavar="RECORD", help="Record for the check; best one that the fit has not seen."),
 ]
 Step: TypeAlias = Annotated[
     str | None,
-    typer.Option(metavar="'1 ms'", help="Time between two calls; by default the record's."),
+    Option(metavar="'1 ms'", help="Time between two calls; by default the record's."),
 ]
 Name: TypeAlias = Annotated[
-    str, typer.Option(metavar="WORD", help="Prefix of every symbol, name of the files.")
+    str, Option(metavar="WORD", help="Prefix of every symbol, name of the files.")
 ]
 Substeps: TypeAlias = Annotated[
     int | None,
-    typer.Option(min=1, metavar="N", help="Sub-steps of every call; by default chosen."),
+    Option(min=1, metavar="N", help="Sub-steps of every call; by default chosen."),
 ]
 Range: TypeAlias = Annotated[
     tuple[str, str] | None,
-    typer.Option(metavar="LOW HIGH", help="Range of the drive for a check without a record."),
+    Option(metavar="LOW HIGH", help="Range of the drive for a check without a record."),
 ]
 Single: TypeAlias = Annotated[
-    bool, typer.Option("--float", help="Numbers of four bytes and nothing wider.")
+    bool, Option("--float", help="Numbers of four bytes and nothing wider.")
 ]
 
 
@@ -78,13 +62,11 @@ def c(
     drive_range: Range = None,
     board: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME", help="Run it on atmega328p or cortex-m4f as well, with --float."
-        ),
+        Option(metavar="NAME", help="Run it on atmega328p or cortex-m4f as well, with --float."),
     ] = None,
     sensitivities: Annotated[
         bool,
-        typer.Option("--sensitivities", help="Also the derivatives of the reading by parameters."),
+        Option("--sensitivities", help="Also the derivatives of the reading by parameters."),
     ] = False,
     time: o.Time = None,
     drive: o.Drive = None,
@@ -116,7 +98,7 @@ def c(
         boards=tuple(board or ()),
         sensitivities=sensitivities,
     )
-    typer.echo(str(found))
+    echo(str(found))
 
 
 class Signal(Enum):
@@ -130,25 +112,23 @@ class Signal(Enum):
 def arduino(
     source: Holder,
     out: Out,
-    signal: Annotated[Signal, typer.Option(help="What is played.")] = Signal.TRIANGLE,
-    low: Annotated[
-        str | None, typer.Option(metavar="'0 V'", help="Lower end: 0 unless given.")
-    ] = None,
+    signal: Annotated[Signal, Option(help="What is played.")] = Signal.TRIANGLE,
+    low: Annotated[str | None, Option(metavar="'0 V'", help="Lower end: 0 unless given.")] = None,
     high: Annotated[
         str | None,
-        typer.Option(metavar="'125 V'", help="Upper end: 125 V, or 15 um with --inverse."),
+        Option(metavar="'125 V'", help="Upper end: 125 V, or 15 um with --inverse."),
     ] = None,
-    period: Annotated[str, typer.Option(metavar="'50 s'", help="Of the signal.")] = "50 s",
-    step: Annotated[str, typer.Option(metavar="'50 ms'", help="Between two samples.")] = "50 ms",
+    period: Annotated[str, Option(metavar="'50 s'", help="Of the signal.")] = "50 s",
+    step: Annotated[str, Option(metavar="'50 ms'", help="Between two samples.")] = "50 ms",
     periods: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Then the drive goes to zero; 0 for never.")
+        int, Option(min=0, metavar="N", help="Then the drive goes to zero; 0 for never.")
     ] = 0,
     full_scale: Annotated[
-        str, typer.Option(metavar="'150 V'", help="Drive at the pin's largest value.")
+        str, Option(metavar="'150 V'", help="Drive at the pin's largest value.")
     ] = "150 V",
-    pin: Annotated[int, typer.Option(min=0, metavar="N", help="Pin of the signal.")] = 9,
+    pin: Annotated[int, Option(min=0, metavar="N", help="Pin of the signal.")] = 9,
     inverse: Annotated[
-        bool, typer.Option("--inverse", help="The signal is a position; the drive follows from it.")
+        bool, Option("--inverse", help="The signal is a position; the drive follows from it.")
     ] = False,
 ) -> None:
     """Write a sketch for an Arduino: a signal to the actuator, and its model beside it.
@@ -177,7 +157,7 @@ def arduino(
         pin=pin,
         inverse=inverse,
     )
-    typer.echo(str(found))
+    echo(str(found))
 
 
 class Version(Enum):
@@ -190,19 +170,17 @@ class Version(Enum):
 @export.command()
 def fmu(
     source: Holder,
-    out: Annotated[
-        Path, typer.Option(metavar="OUT.fmu", help="File to write.", show_default=False)
-    ],
-    version: Annotated[Version, typer.Option(help="Of the FMI standard.")] = Version.TWO,
+    out: Annotated[Path, Option(metavar="OUT.fmu", help="File to write.")],
+    version: Annotated[Version, Option(help="Of the FMI standard.")] = Version.TWO,
     exchange: Annotated[
-        bool, typer.Option("--exchange", help="For model exchange in the place of co-simulation.")
+        bool, Option("--exchange", help="For model exchange in the place of co-simulation.")
     ] = False,
     step: Step = None,
     name: Name = "actuator",
     drive_range: Range = None,
     platforms: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="A,B", help="linux, windows, mac, linux-arm, mac-arm; by default this system."
         ),
     ] = None,
@@ -231,28 +209,27 @@ def fmu(
         platforms=tuple((platforms or "").replace(",", " ").split()),
         overwrite=overwrite,
     )
-    typer.echo(str(found))
+    echo(str(found))
 
 
 @export.command()
 def controller(
     source: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="TUNED.json",
             help="JSON of piezo-opt tune pid, lqr, mpc or shaper; of a fit, for its inverse.",
-            show_default=False,
         ),
     ],
     out: Out,
     single: Single = False,
     period: Annotated[
         str | None,
-        typer.Option(metavar="'1 ms'", help="Of the sampling; by default that of the design."),
+        Option(metavar="'1 ms'", help="Of the sampling; by default that of the design."),
     ] = None,
     limits: Annotated[
         tuple[str, str] | None,
-        typer.Option(metavar="LOW HIGH", help="Of the drive; by default those of the design."),
+        Option(metavar="LOW HIGH", help="Of the drive; by default those of the design."),
     ] = None,
     name: Name = "controller",
 ) -> None:
@@ -275,4 +252,4 @@ def controller(
         source, out, period=period, limits=None if ends is None else Limits(*ends),
         precision="float" if single else "double", name=name,
     )  # fmt: skip
-    typer.echo(str(found))
+    echo(str(found))

@@ -6,10 +6,9 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Commands, Option, echo
 from piezo_opt.errors import InputError
 from piezo_opt.units import quantity, show
 
@@ -21,48 +20,34 @@ class Base(Enum):
     ROLLERS = "rollers"
 
 
-fem = typer.Typer(
-    name="fem",
-    help="Finite elements of a piezoelectric block or stack.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
-
-
-@fem.callback()
-def _front() -> None:
-    """Finite elements of a piezoelectric block or stack."""
+fem = Commands("fem", "Finite elements of a piezoelectric block or stack.")
 
 
 @fem.command()
 def block(
-    material: Annotated[str, typer.Option(metavar="NAME", help="Ceramic.")] = "PZT-5H",
-    width: Annotated[str, typer.Option(metavar="'5 mm'", help="Along x.")] = "5 mm",
-    depth: Annotated[str, typer.Option(metavar="'5 mm'", help="Along y.")] = "5 mm",
-    height: Annotated[str, typer.Option(metavar="'4 mm'", help="Of a layer, along z.")] = "4 mm",
-    layers: Annotated[int, typer.Option(min=1, metavar="N", help="On one another.")] = 1,
+    material: Annotated[str, Option(metavar="NAME", help="Ceramic.")] = "PZT-5H",
+    width: Annotated[str, Option(metavar="'5 mm'", help="Along x.")] = "5 mm",
+    depth: Annotated[str, Option(metavar="'5 mm'", help="Along y.")] = "5 mm",
+    height: Annotated[str, Option(metavar="'4 mm'", help="Of a layer, along z.")] = "4 mm",
+    layers: Annotated[int, Option(min=1, metavar="N", help="On one another.")] = 1,
     elements: Annotated[
-        str, typer.Option(metavar="NX,NY,NZ", help="Bricks along x, y and in a layer along z.")
+        str, Option(metavar="NX,NY,NZ", help="Bricks along x, y and in a layer along z.")
     ] = "10,10,8",
-    support: Annotated[Base, typer.Option(help="How the base is held.")] = Base.CLAMPED,
-    voltage: Annotated[str, typer.Option(metavar="'150 V'", help="Drive.")] = "150 V",
-    modes: Annotated[int, typer.Option(min=1, metavar="N", help="Modes to find.")] = 10,
+    support: Annotated[Base, Option(help="How the base is held.")] = Base.CLAMPED,
+    voltage: Annotated[str, Option(metavar="'150 V'", help="Drive.")] = "150 V",
+    modes: Annotated[int, Option(min=1, metavar="N", help="Modes to find.")] = 10,
     damping: Annotated[
-        float, typer.Option(metavar="ZETA", help="Ratio of every mode, for --response.")
+        float, Option(metavar="ZETA", help="Ratio of every mode, for --response.")
     ] = 0.01,
     vtk: Annotated[
-        Path | None, typer.Option(metavar="OUT.vtk", help="Static answer for a viewer.")
+        Path | None, Option(metavar="OUT.vtk", help="Static answer for a viewer.")
     ] = None,
     record: Annotated[
-        Path | None, typer.Option(metavar="OUT.csv", help="Slow ramp to the voltage, a record.")
+        Path | None, Option(metavar="OUT.csv", help="Slow ramp to the voltage, a record.")
     ] = None,
-    picture: Annotated[
-        Path | None, typer.Option(metavar="OUT.png", help="The deformed body.")
-    ] = None,
-    shapes: Annotated[Path | None, typer.Option(metavar="OUT.png", help="Mode shapes.")] = None,
-    response: Annotated[
-        Path | None, typer.Option(metavar="OUT.png", help="Frequency response.")
-    ] = None,
+    picture: Annotated[Path | None, Option(metavar="OUT.png", help="The deformed body.")] = None,
+    shapes: Annotated[Path | None, Option(metavar="OUT.png", help="Mode shapes.")] = None,
+    response: Annotated[Path | None, Option(metavar="OUT.png", help="Frequency response.")] = None,
     json: o.Json = None,
     overwrite: o.Overwrite = False,
 ) -> None:
@@ -97,8 +82,8 @@ def block(
     volts = quantity(voltage, "V")
     answer, found = fe.static(system, volts), fe.modes(system, modes)
     small = fe.reduced(system, modes, damping=damping)
-    typer.echo(f"{body.elements} elements, {body.nodes} nodes, base {support.value}")
-    typer.echo(
+    echo(f"{body.elements} elements, {body.nodes} nodes, base {support.value}")
+    echo(
         f"{show(volts, 'V')}: top {show(answer.tip, 'm')}, width {show(answer.widening, 'm')}, "
         f"charge {show(answer.charge, 'C')}, capacitance {show(answer.capacitance, 'F')}"
     )
@@ -107,7 +92,7 @@ def block(
     )}  # fmt: skip
     for number, frequency in enumerate(found.frequencies.tolist(), start=1):
         share = f"  {100.0 * shares[frequency]:.1f} % of the stroke" if frequency in shares else ""
-        typer.echo(f"mode {number:>2}  {show(frequency, 'Hz'):>10}{share}")
+        echo(f"mode {number:>2}  {show(frequency, 'Hz'):>10}{share}")
     if vtk is not None:
         fe.write_vtk(answer, vtk, overwrite=overwrite)
     if record is not None:
@@ -155,8 +140,8 @@ def thesis(json: o.Json = None, overwrite: o.Overwrite = False) -> None:
         ("ours, five blocks on one another", told.five_clamped_blocks),
     )
     for label, value in rows:
-        typer.echo(f"{label:<34} {show(value, 'm'):>9}")
-    typer.echo(
+        echo(f"{label:<34} {show(value, 'm'):>9}")
+    echo(
         f"The thesis prints {told.factor:.1f} times d33 V and {told.factor_clamped:.1f} times what "
         f"its block gives here. Mesh, support and permittivity do not explain that; five blocks in "
         f"series would, to {100.0 * abs(told.printed / told.five_clamped_blocks - 1.0):.1f} %."
@@ -185,7 +170,7 @@ def _draw(
 ) -> None:
     if picture is None and shapes is None and response is None:
         return
-    from piezo_opt.readers.files import replacing
+    from piezo_opt.files import replacing
     from piezo_opt.report import finite_elements as draw
 
     drawn = (

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.checking import UNANSWERED, Checking
+from piezo_opt.cli.declare import echo
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
 from piezo_opt.cli.solving import AS_USUAL, Solving, leave
@@ -68,7 +67,7 @@ def fit(
         )
     # What was found is said before anything is written or drawn, which may fail.
     parts = (answer, comparison) if sure is None else (answer, sure, comparison)
-    typer.echo(answer.outcome.sentence if quiet else "\n\n".join(map(str, parts)))
+    echo(answer.outcome.sentence if quiet else "\n\n".join(map(str, parts)))
     if json is not None:
         data = answer.to_dict()
         if sure is not None:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Option, echo
 from piezo_opt.cli.inputs import Reading, parted
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Start
@@ -28,30 +27,30 @@ def linear(
     records: o.Records,
     poles: Annotated[
         str,
-        typer.Option(metavar="N|N-M", help="Number of poles, or a range to search."),
+        Option(metavar="N|N-M", help="Number of poles, or a range to search."),
     ] = "1-4",
     zeros: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="N|N-M", help="Number of zeros, or a range; by default all that make sense."
         ),
     ] = None,
     response: Annotated[
         bool,
-        typer.Option("--response", help="Frequency response of periodic records instead."),
+        Option("--response", help="Frequency response of periodic records instead."),
     ] = False,
     test: Annotated[
         list[Path] | None,
-        typer.Option(metavar="RECORD", help="Record that orders are judged on."),
+        Option(metavar="RECORD", help="Record that orders are judged on."),
     ] = None,
     unstable: Annotated[
-        bool, typer.Option("--unstable", help="Allow poles in the right half plane.")
+        bool, Option("--unstable", help="Allow poles in the right half plane.")
     ] = False,
     detrend: Annotated[
-        Detrend, typer.Option(help="What of the reading is not the system's; estimated with it.")
+        Detrend, Option(help="What of the reading is not the system's; estimated with it.")
     ] = Detrend.OFFSET,
     start: Annotated[
-        Start, typer.Option(help="The state at the beginning: estimated, or at rest.")
+        Start, Option(help="The state at the beginning: estimated, or at rest.")
     ] = Start.FREE,
     json: o.Json = None,
     report: o.Page = None,
@@ -94,9 +93,9 @@ def linear(
         from piezo_opt.report import write_report
 
         write_report(report, result, overwrite=overwrite)
-    typer.echo(str(result))
+    echo(str(result))
     if isinstance(result, OrderSearch):
-        typer.echo(f"\n{result.best}")
+        echo(f"\n{result.best}")
 
 
 def _fitted(

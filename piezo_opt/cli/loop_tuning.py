@@ -8,8 +8,7 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, final
 
-import typer
-
+from piezo_opt.cli.declare import Option
 from piezo_opt.cli.telling import telling
 from piezo_opt.cli.tuning import Loop, Reference, Result, asked, described
 
@@ -29,18 +28,18 @@ class Aim:
     """What is made small, and what bounds it."""
 
     criterion: Annotated[
-        Goal, typer.Option(help="Integral of |e|, of e^2, or of t |e|, to be made small.")
+        Goal, Option(help="Integral of |e|, of e^2, or of t |e|, to be made small.")
     ] = Goal.IAE
-    effort: Annotated[
-        float, typer.Option(min=0.0, metavar="W", help="Weight of the drive's moves.")
-    ] = 0.0
+    effort: Annotated[float, Option(min=0.0, metavar="W", help="Weight of the drive's moves.")] = (
+        0.0
+    )
     overshoot: Annotated[
-        float | None, typer.Option(min=0.0, metavar="0.02", help="Most of it, of the last step.")
+        float | None, Option(min=0.0, metavar="0.02", help="Most of it, of the last step.")
     ] = None
 
 
 Peak: TypeAlias = Annotated[
-    float, typer.Option(min=1.05, metavar="2", help="Highest sensitivity: less is more robust.")
+    float, Option(min=1.05, metavar="2", help="Highest sensitivity: less is more robust.")
 ]
 
 

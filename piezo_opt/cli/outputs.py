@@ -9,12 +9,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from piezo_opt.cli.codes import INTERRUPTED
+from piezo_opt.cli.declare import Exit, echo
 from piezo_opt.cli.telling import telling
 from piezo_opt.errors import InputError
-from piezo_opt.readers.files import replacing, target_of
+from piezo_opt.files import replacing, target_of
 
 
 def check(
@@ -82,7 +81,7 @@ def write_page(path: Path, *results: object, title: str | None = None, overwrite
 
     Raises:
         InputError: it cannot be written.
-        typer.Exit: Ctrl-C, with a sentence.
+        Exit: Ctrl-C, with a sentence.
     """
     from piezo_opt.report import write_report
 
@@ -91,8 +90,8 @@ def write_page(path: Path, *results: object, title: str | None = None, overwrite
             tell(f"drawing {path}")
             write_report(path, *results, title=title, overwrite=overwrite)
     except KeyboardInterrupt:
-        typer.echo(f"Interrupted while {path} was drawn: it was not written.", err=True)
-        raise typer.Exit(INTERRUPTED) from None
+        echo(f"Interrupted while {path} was drawn: it was not written.", err=True)
+        raise Exit(INTERRUPTED) from None
 
 
 def _finite(data: Any) -> Any:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.checking import UNANSWERED, Checking
+from piezo_opt.cli.declare import Option, echo
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.inputs import AS_WRITTEN, DEFAULT, Reading, asked, parted
 from piezo_opt.cli.solving import AS_USUAL, Solving, leave
@@ -19,9 +18,9 @@ from piezo_opt.comparison import compare
 @grouped
 def report(
     records: o.Records,
-    out: Annotated[Path, typer.Option("--out", metavar="OUT.html", help="The page to write.")],
+    out: Annotated[Path, Option("--out", metavar="OUT.html", help="The page to write.")],
     model: o.ModelPath = DEFAULT,
-    title: Annotated[str | None, typer.Option(help="Title of the page.")] = None,
+    title: Annotated[str | None, Option(help="Title of the page.")] = None,
     reading: Reading = AS_WRITTEN,
     checking: Checking = UNANSWERED,
     split: o.Split = None,
@@ -46,7 +45,7 @@ def report(
     question, remarks = asked(model, train, start)
     answer = how.fit(question, remarks)
     results = (answer,) if test is None else (answer, compare(answer, on=test))
-    typer.echo(answer.outcome.sentence)
+    echo(answer.outcome.sentence)
     outputs.write_page(out, *results, title=title, overwrite=overwrite)
-    typer.echo(f"Report: {out.resolve()}")
+    echo(f"Report: {out.resolve()}")
     leave(answer)

@@ -9,46 +9,36 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias, final
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Commands, Option, echo
 from piezo_opt.errors import InputError
 from piezo_opt.units import quantity
 
 if TYPE_CHECKING:
     from piezo_opt.signals import Drive
 
-signal = typer.Typer(
-    name="signal",
-    help="Make a drive to play, or find the best one for a question.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+signal = Commands("signal", "Make a drive to play, or find the best one for a question.")
 
-Low: TypeAlias = Annotated[str, typer.Option(metavar="'0 V'", help="Lowest drive.")]
-High: TypeAlias = Annotated[str, typer.Option(metavar="'100 V'", help="Highest drive.")]
-Rate: TypeAlias = Annotated[str, typer.Option(metavar="'1 kHz'", help="Samples a second.")]
-Frequency: TypeAlias = Annotated[str, typer.Option(metavar="'1 Hz'", help="Of one period.")]
-Periods: TypeAlias = Annotated[int, typer.Option(min=1, metavar="N", help="How many.")]
-Out: TypeAlias = Annotated[
-    Path | None, typer.Option(metavar="OUT.csv", help="Samples: .csv or .h5.")
-]
-Slew: TypeAlias = Annotated[
-    str | None, typer.Option(metavar="'500 V/s'", help="Fastest change allowed.")
-]
+Low: TypeAlias = Annotated[str, Option(metavar="'0 V'", help="Lowest drive.")]
+High: TypeAlias = Annotated[str, Option(metavar="'100 V'", help="Highest drive.")]
+Rate: TypeAlias = Annotated[str, Option(metavar="'1 kHz'", help="Samples a second.")]
+Frequency: TypeAlias = Annotated[str, Option(metavar="'1 Hz'", help="Of one period.")]
+Periods: TypeAlias = Annotated[int, Option(min=1, metavar="N", help="How many.")]
+Out: TypeAlias = Annotated[Path | None, Option(metavar="OUT.csv", help="Samples: .csv or .h5.")]
+Slew: TypeAlias = Annotated[str | None, Option(metavar="'500 V/s'", help="Fastest change allowed.")]
 Stroke: TypeAlias = Annotated[
     str | None,
-    typer.Option(metavar="'0 um..10 um'", help="Positions allowed, as --fit predicts them."),
+    Option(metavar="'0 um..10 um'", help="Positions allowed, as --fit predicts them."),
 ]
 FitFile: TypeAlias = Annotated[
-    Path | None, typer.Option("--fit", metavar="FIT.h5", help="Saved fit, for --stroke.")
+    Path | None, Option("--fit", metavar="FIT.h5", help="Saved fit, for --stroke.")
 ]
 Picture: TypeAlias = Annotated[
-    Path | None, typer.Option(metavar="OUT.png", help="The drive and its spectrum.")
+    Path | None, Option(metavar="OUT.png", help="The drive and its spectrum.")
 ]
 Sketch: TypeAlias = Annotated[
-    Path | None, typer.Option("--arduino", metavar="OUT.ino", help="Sketch that plays it.")
+    Path | None, Option("--arduino", metavar="OUT.ino", help="Sketch that plays it.")
 ]
 
 
@@ -58,13 +48,8 @@ class Board(Enum):
     DIGITAL, PWM, MCP4725 = "digital", "pwm", "mcp4725"
 
 
-By: TypeAlias = Annotated[Board, typer.Option("--output", help="What the board gives out.")]
-Seed: TypeAlias = Annotated[int, typer.Option(min=0, help="Of what is random.")]
-
-
-@signal.callback()
-def _front() -> None:
-    """Make a drive to play, or find the best one for a question."""
+By: TypeAlias = Annotated[Board, Option("--output", help="What the board gives out.")]
+Seed: TypeAlias = Annotated[int, Option(min=0, help="Of what is random.")]
 
 
 @final
@@ -98,7 +83,7 @@ class Delivery:
             )
         if self.picture is not None:
             save_preview(drive, self.picture, overwrite=self.overwrite)
-        typer.echo(f"{drive}, crest factor {drive.crest:.2f}")
+        echo(f"{drive}, crest factor {drive.crest:.2f}")
 
     def _limited(self, drive: Drive) -> Drive:
         from piezo_opt.signals import DriveLimits, within
@@ -121,7 +106,7 @@ class Delivery:
 
 def save_preview(drive: Drive, path: Path, *, overwrite: bool) -> None:
     """The drive and its spectrum as a picture."""
-    from piezo_opt.readers.files import replacing
+    from piezo_opt.files import replacing
     from piezo_opt.report.signals import preview
 
     with replacing(path, overwrite=overwrite) as temporary:
@@ -154,7 +139,7 @@ def triangle(
 @signal.command()
 def square(
     low: Low = "0 V", high: High = "100 V", frequency: Frequency = "1 Hz", rate: Rate = "1 kHz",
-    duty: Annotated[float, typer.Option(help="Share of the period at high.")] = 0.5,
+    duty: Annotated[float, Option(help="Share of the period at high.")] = 0.5,
     periods: Periods = 1, out: Out = None, slew: Slew = None, stroke: Stroke = None,
     fit: FitFile = None, picture: Picture = None, arduino: Sketch = None,
     output: By = Board.DIGITAL, overwrite: o.Overwrite = False,
@@ -178,9 +163,9 @@ def square(
 @signal.command()
 def staircase(
     levels: Annotated[
-        str, typer.Option(metavar="'0,50,100 V'", help="Levels and their unit.")
+        str, Option(metavar="'0,50,100 V'", help="Levels and their unit.")
     ] = "0,50,100,25,75,0 V",
-    hold: Annotated[str, typer.Option(metavar="'1 s'", help="At each level.")] = "1 s",
+    hold: Annotated[str, Option(metavar="'1 s'", help="At each level.")] = "1 s",
     rate: Rate = "1 kHz", out: Out = None, slew: Slew = None, stroke: Stroke = None,
     fit: FitFile = None, picture: Picture = None, arduino: Sketch = None,
     output: By = Board.MCP4725, overwrite: o.Overwrite = False,
@@ -207,9 +192,9 @@ def staircase(
 @signal.command()
 def decaying(
     low: Low = "0 V", high: High = "100 V", frequency: Frequency = "1 Hz", rate: Rate = "1 kHz",
-    count: Annotated[int, typer.Option(min=1, metavar="N", help="Triangles.")] = 5,
-    minor: Annotated[int, typer.Option(min=0, metavar="N", help="Minor loops each.")] = 1,
-    hold: Annotated[str, typer.Option(metavar="'0 s'", help="At each end.")] = "0 s",
+    count: Annotated[int, Option(min=1, metavar="N", help="Triangles.")] = 5,
+    minor: Annotated[int, Option(min=0, metavar="N", help="Minor loops each.")] = 1,
+    hold: Annotated[str, Option(metavar="'0 s'", help="At each end.")] = "0 s",
     out: Out = None, slew: Slew = None, stroke: Stroke = None, fit: FitFile = None,
     picture: Picture = None, arduino: Sketch = None, output: By = Board.MCP4725,
     overwrite: o.Overwrite = False,
@@ -233,11 +218,11 @@ def decaying(
 @signal.command()
 def chirp(
     low: Low = "0 V", high: High = "100 V",
-    start: Annotated[str, typer.Option(metavar="'1 Hz'", help="First frequency.")] = "1 Hz",
-    stop: Annotated[str, typer.Option(metavar="'100 Hz'", help="Last one.")] = "100 Hz",
-    duration: Annotated[str, typer.Option(metavar="'10 s'", help="Of the sweep.")] = "10 s",
+    start: Annotated[str, Option(metavar="'1 Hz'", help="First frequency.")] = "1 Hz",
+    stop: Annotated[str, Option(metavar="'100 Hz'", help="Last one.")] = "100 Hz",
+    duration: Annotated[str, Option(metavar="'10 s'", help="Of the sweep.")] = "10 s",
     rate: Rate = "1 kHz",
-    linear: Annotated[bool, typer.Option("--linear", help="Not by equal factors.")] = False,
+    linear: Annotated[bool, Option("--linear", help="Not by equal factors.")] = False,
     out: Out = None, slew: Slew = None, stroke: Stroke = None, fit: FitFile = None,
     picture: Picture = None, arduino: Sketch = None, output: By = Board.MCP4725,
     overwrite: o.Overwrite = False,
@@ -267,12 +252,12 @@ class Which(Enum):
 @signal.command()
 def multisine(
     low: Low = "0 V", high: High = "100 V",
-    lowest: Annotated[str, typer.Option(metavar="'1 Hz'", help="First line.")] = "1 Hz",
-    highest: Annotated[str, typer.Option(metavar="'100 Hz'", help="Last line.")] = "100 Hz",
-    period: Annotated[str, typer.Option(metavar="'1 s'", help="Of the signal.")] = "1 s",
-    lines: Annotated[Which, typer.Option(help="Which harmonics.")] = Which.FULL,
+    lowest: Annotated[str, Option(metavar="'1 Hz'", help="First line.")] = "1 Hz",
+    highest: Annotated[str, Option(metavar="'100 Hz'", help="Last line.")] = "100 Hz",
+    period: Annotated[str, Option(metavar="'1 s'", help="Of the signal.")] = "1 s",
+    lines: Annotated[Which, Option(help="Which harmonics.")] = Which.FULL,
     schroeder: Annotated[
-        bool, typer.Option("--schroeder", help="Schroeder's phases, not random ones.")
+        bool, Option("--schroeder", help="Schroeder's phases, not random ones.")
     ] = False,
     seed: Seed = 0, rate: Rate = "1 kHz", periods: Periods = 1, out: Out = None,
     slew: Slew = None, stroke: Stroke = None, fit: FitFile = None, picture: Picture = None,

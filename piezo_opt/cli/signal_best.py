@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Option, echo
 from piezo_opt.cli.inputs import DEFAULT, Reading, asked
 from piezo_opt.cli.signal import Out, Picture, Seed, save_preview, signal
 from piezo_opt.errors import InputError
@@ -21,20 +20,18 @@ if TYPE_CHECKING:
 __all__ = ["signal"]
 
 Noise: TypeAlias = Annotated[
-    str | None, typer.Option(metavar="'20 nm'", help="Of the reading; the fit's residual else.")
+    str | None, Option(metavar="'20 nm'", help="Of the reading; the fit's residual else.")
 ]
 Slewing: TypeAlias = Annotated[
-    str | None, typer.Option(metavar="'500 V/s'", help="Fastest change of the drive.")
+    str | None, Option(metavar="'500 V/s'", help="Fastest change of the drive.")
 ]
 Lasting: TypeAlias = Annotated[
-    str | None, typer.Option(metavar="'4 s'", help="Length; that of the record else.")
+    str | None, Option(metavar="'4 s'", help="Length; that of the record else.")
 ]
 Fastest: TypeAlias = Annotated[
-    str | None, typer.Option(metavar="'200 Hz'", help="Fastest sine; a fifth of the rate else.")
+    str | None, Option(metavar="'200 Hz'", help="Fastest sine; a fifth of the rate else.")
 ]
-Judged: TypeAlias = Annotated[
-    int, typer.Option(min=1, metavar="N", help="Drives judged in each family.")
-]
+Judged: TypeAlias = Annotated[int, Option(min=1, metavar="N", help="Drives judged in each family.")]
 
 
 @signal.command()
@@ -42,7 +39,7 @@ def best(
     records: o.Records, model: o.ModelPath = DEFAULT,
     of: Annotated[
         str | None,
-        typer.Option("--for", metavar="A,B", help="Parameters meant; all that are free else."),
+        Option("--for", metavar="A,B", help="Parameters meant; all that are free else."),
     ] = None,
     noise: Noise = None, slew: Slewing = None, duration: Lasting = None, highest: Fastest = None,
     evaluations: Judged = 250, seed: Seed = 0, out: Out = None, picture: Picture = None,
@@ -63,7 +60,7 @@ def best(
         evaluations=evaluations, seed=seed, **_numbers(noise, slew, duration, highest),
     )  # fmt: skip
     _deliver(told.drive, out, picture, overwrite=overwrite)
-    typer.echo(str(told))
+    echo(str(told))
     if json is not None:
         outputs.write_json(json, told.to_dict(), overwrite=overwrite)
 
@@ -72,7 +69,7 @@ def best(
 def between(
     records: o.Records,
     model: Annotated[
-        list[str], typer.Option("--model", metavar="MODEL.toml", help="One of them; give several.")
+        list[str], Option("--model", metavar="MODEL.toml", help="One of them; give several.")
     ],
     noise: Noise = None, slew: Slewing = None, duration: Lasting = None, highest: Fastest = None,
     evaluations: Judged = 250, seed: Seed = 0, out: Out = None, picture: Picture = None,
@@ -94,7 +91,7 @@ def between(
         evaluations=evaluations, seed=seed, **_numbers(noise, slew, duration, highest),
     )  # fmt: skip
     _deliver(told.drive, out, picture, overwrite=overwrite)
-    typer.echo(told.sentence)
+    echo(told.sentence)
     if json is not None:
         outputs.write_json(json, told.to_dict(), overwrite=overwrite)
 

@@ -6,10 +6,9 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Option, echo
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.inputs import AS_WRITTEN, Reading, model_file
 from piezo_opt.comparison.metrics import fit_percent, rms
@@ -29,13 +28,11 @@ class Beginning(Enum):
 @grouped
 def simulate(
     source: o.Record,
-    model: Annotated[
-        str, typer.Option(metavar="MODEL.toml", help="Model file, or the JSON of a fit.")
-    ],
-    out: Annotated[Path, typer.Option(metavar="OUT.csv", help="Record to write: .csv or .h5.")],
+    model: Annotated[str, Option(metavar="MODEL.toml", help="Model file, or the JSON of a fit.")],
+    out: Annotated[Path, Option(metavar="OUT.csv", help="Record to write: .csv or .h5.")],
     reading: Reading = AS_WRITTEN,
     start: Annotated[
-        Beginning, typer.Option(help="States at the beginning, plus those the model file gives.")
+        Beginning, Option(help="States at the beginning, plus those the model file gives.")
     ] = Beginning.REST,
     overwrite: o.Overwrite = False,
 ) -> None:
@@ -63,7 +60,7 @@ def simulate(
     write(answer, out, overwrite=overwrite)
     error = (measured.position - response.reading)[measured.counted]
     percent = fit_percent(measured.position[measured.counted], error)
-    typer.echo(
+    echo(
         f"{out}: {len(answer)} samples; measured minus simulated "
         f"{show(rms(error), measured.position_unit)} rms, fit {percent:.2f} %, scheme error "
         f"{show(response.accuracy.error, measured.position_unit)}"

@@ -9,12 +9,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Final, final
 
-import typer
-
 from piezo_opt.cli import choices
 from piezo_opt.cli import options as o
 from piezo_opt.cli.choices import TranscriptionName
 from piezo_opt.cli.codes import INTERRUPTED
+from piezo_opt.cli.declare import Exit
 from piezo_opt.cli.telling import telling
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Ending, Fit, Identification, Progress, solve
@@ -94,7 +93,7 @@ def leave(fit: Fit) -> None:
     """
     code = exit_code(fit)
     if code:
-        raise typer.Exit(code)
+        raise Exit(code)
     if explains_nothing(fit):
         raise InputError(
             "The fit explains nothing of the reading, a constant does as well: look at the record "

@@ -5,26 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Commands, Option, echo
 from piezo_opt.cli.solving import pool
 from piezo_opt.cli.telling import telling
 from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import quantity
 
-study = typer.Typer(
-    name="study",
-    help="Published numbers beside ours, and what a diagnosis is worth to a controller.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
+study = Commands(
+    "study", "Published numbers beside ours, and what a diagnosis is worth to a controller."
 )
-
-
-@study.callback()
-def _front() -> None:
-    """Published numbers beside ours, and what a diagnosis is worth to a controller."""
 
 
 @study.command()
@@ -32,11 +23,11 @@ def thesis(
     json: o.Json = None,
     page: Annotated[
         Path | None,
-        typer.Option(metavar="PAGE.md", help="Page whose tables, between their marks, to renew."),
+        Option(metavar="PAGE.md", help="Page whose tables, between their marks, to renew."),
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(metavar="OUT.png", help="The pictures of its chapter 4: .png or .svg."),
+        Option(metavar="OUT.png", help="The pictures of its chapter 4: .png or .svg."),
     ] = None,
     overwrite: o.Overwrite = False,
 ) -> None:
@@ -58,7 +49,7 @@ def thesis(
         outputs.write_json(json, found.to_dict(), overwrite=overwrite)
     if page is not None:
         write_tables(page, found)
-    typer.echo(str(found))
+    echo(str(found))
     if picture is not None:
         from piezo_opt.report.thesis import chapter_four
         from piezo_opt.studies.thesis.control import hysteresis_loops, vibration_answers
@@ -71,7 +62,7 @@ def thesis(
 
 def _save(figure: Any, picture: Path, overwrite: bool) -> None:
     """Beside it and renamed; the figure is matplotlib's, which only the report knows."""
-    from piezo_opt.readers.files import replacing
+    from piezo_opt.files import replacing
 
     with replacing(picture, overwrite=overwrite) as temporary:
         form = picture.suffix.lstrip(".").lower() or "png"
@@ -80,15 +71,15 @@ def _save(figure: Any, picture: Path, overwrite: bool) -> None:
 
 @study.command()
 def worth(
-    plants: Annotated[int, typer.Option(min=1, metavar="N", help="How many.")] = 20,
-    seed: Annotated[int, typer.Option(min=0, help="Of the first plant; others follow.")] = 0,
-    samples: Annotated[int, typer.Option(min=1000, metavar="N", help="Of each record.")] = 3000,
+    plants: Annotated[int, Option(min=1, metavar="N", help="How many.")] = 20,
+    seed: Annotated[int, Option(min=0, help="Of the first plant; others follow.")] = 0,
+    samples: Annotated[int, Option(min=1000, metavar="N", help="Of each record.")] = 3000,
     workers: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Processes that share the plants.")
+        int, Option(min=1, metavar="N", help="Processes that share the plants.")
     ] = 1,
     json: o.Json = None,
     picture: Annotated[
-        Path | None, typer.Option(metavar="OUT.png", help="Every plant as a point: .png or .svg.")
+        Path | None, Option(metavar="OUT.png", help="Every plant as a point: .png or .svg.")
     ] = None,
     max_time: o.MaxTime = None,
     overwrite: o.Overwrite = False,
@@ -112,7 +103,7 @@ def worth(
             plants, seed, samples=samples, executor=executor,
             progress=lambda done, of: tell(f"{done} of {of} plants (Ctrl-C prints those)"),
         )  # fmt: skip
-    typer.echo(str(found))
+    echo(str(found))
     if json is not None:
         outputs.write_json(json, found.to_dict(), overwrite=overwrite)
     if picture is not None:

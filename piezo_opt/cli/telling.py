@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-import typer
+from piezo_opt.cli.declare import echo
 
 QUIET_S = 5.0
 """Seconds between two plain lines, and before the first: a log of a run of an hour stays readable,
@@ -43,4 +43,4 @@ class _Lines:
         if now - self._last < QUIET_S:
             return
         self._last = now
-        typer.echo(f"{self._what}, {now - self._began:.0f} s: {sentence}", err=True)
+        echo(f"{self._what}, {now - self._began:.0f} s: {sentence}", err=True)

@@ -5,59 +5,58 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Argument, Option, echo
 from piezo_opt.cli.telling import telling
 from piezo_opt.errors import InputError
 from piezo_opt.units import quantity
 
 
 def track(
-    video: Annotated[Path, typer.Argument(help="Video file.", show_default=False)],
+    video: Annotated[Path, Argument(help="Video file.")],
     scale: Annotated[
-        str, typer.Option(metavar="'0.1725 um/px'", help="Length of a pixel.", show_default=False)
+        str, Option(metavar="'0.1725 um/px'", help="Length of a pixel.")
     ],
     reference: Annotated[
         str,
-        typer.Option(
-            metavar="X,Y", help="Point that stands still, pixels from top left.", show_default=False
+        Option(
+            metavar="X,Y", help="Point that stands still, pixels from top left."
         ),
     ],
     box: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="X,Y,W,H", help="The feature in the first frame [px]; chosen unless given."
         ),
     ] = None,
     search: Annotated[
         float | None,
-        typer.Option(
+        Option(
             min=1.0, metavar="PX", help="How far from its box the feature may be; anywhere unless "
             "given.",
         ),
     ] = None,
     rate: Annotated[
         str | None,
-        typer.Option(metavar="'1 kHz'", help="Of the camera, where the file's times are not true."),
+        Option(metavar="'1 kHz'", help="Of the camera, where the file's times are not true."),
     ] = None,
     whole_pixels: Annotated[
-        bool, typer.Option("--whole-pixels", help="Round places to pixels, to see what that costs.")
+        bool, Option("--whole-pixels", help="Round places to pixels, to see what that costs.")
     ] = False,
     drive: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Time and voltage of the drive: makes a whole record."),
+        Option(metavar="FILE", help="Time and voltage of the drive: makes a whole record."),
     ] = None,
     delay: Annotated[
-        str, typer.Option(metavar="'0 s'", help="When, in the video, the drive's clock began.")
+        str, Option(metavar="'0 s'", help="When, in the video, the drive's clock began.")
     ] = "0 s",
     between: o.BetweenSamples = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="OUT.csv|.h5", help="The displacement, or the record.")
+        Path | None, Option(metavar="OUT.csv|.h5", help="The displacement, or the record.")
     ] = None,
     picture: Annotated[
-        Path | None, typer.Option(metavar="OUT.png", help="First frame with what was followed.")
+        Path | None, Option(metavar="OUT.png", help="First frame with what was followed.")
     ] = None,
     json: o.Json = None,
     max_time: o.MaxTime = None,
@@ -92,15 +91,15 @@ def track(
             whole_pixels=whole_pixels, max_time=limit, progress=tell,
         )  # fmt: skip
     record = None if volts is None else found.record(volts, begun)
-    typer.echo(str(found))
+    echo(str(found))
     if record is not None:
-        typer.echo(repr(record))
+        echo(repr(record))
     if out is not None and record is not None:
         write(record, out, overwrite=overwrite)
     elif out is not None:
         found.write(out, overwrite=overwrite)
     if picture is not None:
-        from piezo_opt.readers.files import replacing
+        from piezo_opt.files import replacing
         from piezo_opt.report.video import overlay
 
         with replacing(picture, overwrite=overwrite) as temporary:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Option
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.telling import telling
 from piezo_opt.cli.tuning import Actuator, Loop, Reference, Result, asked, described, tune
@@ -18,10 +17,10 @@ from piezo_opt.cli.tuning import Actuator, Loop, Reference, Result, asked, descr
 def feedforward(
     fit: Actuator, reference: Reference, loop: Loop, result: Result,
     effort: Annotated[
-        float, typer.Option(metavar="1e-7", help="Weight of the drive's moves.")
+        float, Option(metavar="1e-7", help="Weight of the drive's moves.")
     ] = 1e-7,
     out: Annotated[
-        Path | None, typer.Option(metavar="OUT.csv", help="The drive, to be played.")
+        Path | None, Option(metavar="OUT.csv", help="The drive, to be played.")
     ] = None,
 ) -> None:  # fmt: skip
     """The drive that makes the actuator follow a reference without a sensor.

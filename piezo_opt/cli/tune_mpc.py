@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
+from piezo_opt.cli.declare import Option
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.telling import telling
 from piezo_opt.cli.tuning import Actuator, Loop, Reference, Result, asked, described, tune
@@ -18,14 +17,14 @@ def mpc(
     fit: Actuator, reference: Reference, loop: Loop, result: Result,
     stroke: Annotated[
         tuple[str, str] | None,
-        typer.Option(metavar="LOW HIGH", help="Positions that are allowed, '0 um' '8 um'."),
+        Option(metavar="LOW HIGH", help="Positions that are allowed, '0 um' '8 um'."),
     ] = None,
     horizon: Annotated[
         int | None,
-        typer.Option(min=1, metavar="N", help="Periods ahead; the shortest that does else."),
+        Option(min=1, metavar="N", help="Periods ahead; the shortest that does else."),
     ] = None,
     preview: Annotated[
-        bool, typer.Option(help="Whether the reference is known before.")
+        bool, Option(help="Whether the reference is known before.")
     ] = True,
 ) -> None:  # fmt: skip
     """Predictive control: the hysteretic model over a horizon, within limits.

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
+from piezo_opt.cli.declare import Option
 from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.telling import telling
 from piezo_opt.cli.tuning import Actuator, Result, plant, tune
@@ -16,19 +15,19 @@ from piezo_opt.cli.tuning import Actuator, Result, plant, tune
 def shaper(
     fit: Actuator, result: Result,
     allowed: Annotated[
-        float, typer.Option(metavar="0.05", help="Share of the swinging that may stay.")
+        float, Option(metavar="0.05", help="Share of the swinging that may stay.")
     ] = 0.05,
     delay: Annotated[
-        str | None, typer.Option(metavar="'5 ms'", help="Longest of the robust shaper; ZVD's else.")
+        str | None, Option(metavar="'5 ms'", help="Longest of the robust shaper; ZVD's else.")
     ] = None,
     spread: Annotated[
         float,
-        typer.Option(metavar="0.02", help="Further doubt about frequencies, as a share (a load)."),
+        Option(metavar="0.02", help="Further doubt about frequencies, as a share (a load)."),
     ] = 0.0,
     scenarios: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Actuators to design on.")
+        int, Option(min=1, metavar="N", help="Actuators to design on.")
     ] = 60,
-    seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0,
+    seed: Annotated[int, Option(min=0, help="Of the draws.")] = 0,
 ) -> None:  # fmt: skip
     """Compare shapers on the actuators that the record allows, and say which to take.
 

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, final
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.declare import Argument, Commands, Option, echo
 from piezo_opt.cli.inputs import Reading
 from piezo_opt.errors import InputError
 from piezo_opt.units import quantity, show
@@ -25,12 +25,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-tune = typer.Typer(
-    name="tune",
-    help="Design a controller on a fitted actuator, and say what to expect of it.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+tune = Commands("tune", "Design a controller on a fitted actuator, and say what to expect of it.")
 
 REACHED = 0.7
 """Of what the drive reaches: the default reference leaves room for a controller to act."""
@@ -38,16 +33,10 @@ SAMPLES = 200
 """Of one period of the default reference."""
 
 
-@tune.callback()
-def _front() -> None:
-    """Design a controller on a fitted actuator, and say what to expect of it."""
-
-
 Actuator: TypeAlias = Annotated[
     Path,
-    typer.Argument(
+    Argument(
         metavar="FIT.json", help="JSON of a fit or diagnosis, a saved fit (.h5), or a model file.",
-        show_default=False,
     ),
 ]  # fmt: skip
 
@@ -63,22 +52,22 @@ class Shape(Enum):
 class Reference:
     """What the actuator is to follow."""
 
-    shape: Annotated[Shape, typer.Option(help="Of the reference.")] = Shape.TRIANGLE
+    shape: Annotated[Shape, Option(help="Of the reference.")] = Shape.TRIANGLE
     low: Annotated[
         str | None,
-        typer.Option(metavar="'0 um'", help="Its lower end; the lowest it comes back to else."),
+        Option(metavar="'0 um'", help="Its lower end; the lowest it comes back to else."),
     ] = None
     high: Annotated[
         str | None,
-        typer.Option(metavar="'6 um'", help="Its upper end; 70 % of what the drive reaches else."),
+        Option(metavar="'6 um'", help="Its upper end; 70 % of what the drive reaches else."),
     ] = None
     frequency: Annotated[
-        str | None, typer.Option(metavar="'10 Hz'", help="Of a period; 200 samples long else.")
+        str | None, Option(metavar="'10 Hz'", help="Of a period; 200 samples long else.")
     ] = None
-    periods: Annotated[int, typer.Option(min=1, metavar="N", help="How many.")] = 3
+    periods: Annotated[int, Option(min=1, metavar="N", help="How many.")] = 3
     reference: Annotated[
         Path | None,
-        typer.Option(metavar="RECORD", help="A record whose position is followed instead."),
+        Option(metavar="RECORD", help="A record whose position is followed instead."),
     ] = None
 
     def values(self, period: float, reach: Reach) -> tuple[FloatArray, str]:
@@ -145,28 +134,26 @@ class Loop:
     """How the loop is sampled, and what limits it."""
 
     period: Annotated[
-        str | None, typer.Option(metavar="'1 ms'", help="Of the sampling; that of the record else.")
+        str | None, Option(metavar="'1 ms'", help="Of the sampling; that of the record else.")
     ] = None
     range: Annotated[
         tuple[str, str] | None,
-        typer.Option(metavar="LOW HIGH", help="Of the drive; that of the record else."),
+        Option(metavar="LOW HIGH", help="Of the drive; that of the record else."),
     ] = None
-    slew: Annotated[
-        str | None, typer.Option(metavar="'5 kV/s'", help="Fastest change of the drive.")
-    ] = None
+    slew: Annotated[str | None, Option(metavar="'5 kV/s'", help="Fastest change of the drive.")] = (
+        None
+    )
     delay: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Whole periods that computing takes.")
+        int, Option(min=0, metavar="N", help="Whole periods that computing takes.")
     ] = 0
     noise: Annotated[
-        str | None, typer.Option(metavar="'5 nm'", help="Of the sensor; what the fit left else.")
+        str | None, Option(metavar="'5 nm'", help="Of the sensor; what the fit left else.")
     ] = None
     scenarios: Annotated[
         int,
-        typer.Option(
-            min=0, metavar="N", help="Actuators drawn from the fit's covariance to design on."
-        ),
+        Option(min=0, metavar="N", help="Actuators drawn from the fit's covariance to design on."),
     ] = 0
-    seed: Annotated[int, typer.Option(min=0, help="Of the draws and of the noise.")] = 0
+    seed: Annotated[int, Option(min=0, help="Of the draws and of the noise.")] = 0
 
     def limits(self, actuator: Identified) -> Limits:
         """Of the drive: as given, or the range of the record, rest included."""
@@ -194,7 +181,7 @@ class Result:
 
     json: o.Json = None
     picture: Annotated[
-        Path | None, typer.Option(metavar="OUT.png", help="The design as a picture: .png or .svg.")
+        Path | None, Option(metavar="OUT.png", help="The design as a picture: .png or .svg.")
     ] = None
     overwrite: o.Overwrite = False
 
@@ -207,11 +194,11 @@ class Result:
 
     def deliver(self, told: str, data: Mapping[str, Any], figure: Any) -> None:
         """Say it, and write what was asked for."""
-        typer.echo(told)
+        echo(told)
         if self.json is not None:
             outputs.write_json(self.json, data, overwrite=self.overwrite)
         if self.picture is not None and figure is not None:
-            from piezo_opt.readers.files import replacing
+            from piezo_opt.files import replacing
 
             with replacing(self.picture, overwrite=self.overwrite) as temporary:
                 figure.savefig(

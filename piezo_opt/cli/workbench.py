@@ -8,8 +8,7 @@ import webbrowser
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
+from piezo_opt.cli.declare import Argument, Option, echo
 from piezo_opt.errors import InputError
 from piezo_opt.keeping import own_directory
 
@@ -17,19 +16,19 @@ from piezo_opt.keeping import own_directory
 def workbench(
     records: Annotated[
         list[Path] | None,
-        typer.Argument(help="Record files: .csv, .h5, .mat and others.", show_default=False),
+        Argument(help="Record files: .csv, .h5, .mat and others."),
     ] = None,
     session: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="FILE.json",
             help="Keep every step here; a file that exists is gone on with.",
         ),
     ] = None,
     port: Annotated[
-        int, typer.Option(min=0, max=65535, metavar="N", help="To listen on; 0 takes a free one.")
+        int, Option(min=0, max=65535, metavar="N", help="To listen on; 0 takes a free one.")
     ] = 0,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
+    browser: Annotated[bool, Option("--browser/--no-browser", help="Open the page.")] = True,
 ) -> None:
     """Compare, see what is missing, add it and watch the error fall, in a browser.
 
@@ -43,10 +42,6 @@ def workbench(
       piezo-opt workbench first.csv second.csv --session loop.json
       piezo-opt workbench --session loop.json
     """
-    from piezo_opt.workbench.process import begin
-
-    worker = begin()
-    # What takes a while to load comes while the worker loads its own.
     from piezo_opt.workbench.load import Load, Source
     from piezo_opt.workbench.serve import serve
     from piezo_opt.workbench.session import Session, read_session
@@ -68,11 +63,11 @@ def workbench(
     begun.save(file)
 
     def ready(address: str) -> None:
-        typer.echo(f"Workbench: {address}\nSession: {file}\nCtrl-C ends it.")
+        echo(f"Workbench: {address}\nSession: {file}\nCtrl-C ends it.")
         if browser:
             webbrowser.open(address)
 
-    serve(begun, file, port=port, worker=worker, ready=ready)
+    serve(begun, file, port=port, ready=ready)
 
 
 def _unnamed() -> Path:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Final, Literal, final
 
 import numpy as np
-import scipy
 
+from piezo_opt.chances import chi_squared_tail
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
-from piezo_opt.comparison.turns import rests, turning_points
+from piezo_opt.comparison.turns import rests
 from piezo_opt.comparison.words import brief
 from piezo_opt.measurement import FloatArray
 
@@ -53,7 +53,7 @@ def after_events(misfit: Misfit) -> AfterEvents:
     kind: Literal["step", "reversal"] = "step"
     if np.sum(last - first) < 0.2 * len(record):
         kind = "reversal"
-        turns = turning_points(record.drive)
+        turns = misfit.turns
         first, last = turns[1:-1] + 1, turns[2:] + 1
         sign = np.sign(record.drive[turns[2:]] - record.drive[turns[1:-1]])
     error = np.where(record.counted, record.position - misfit.modelled, np.nan)
@@ -107,7 +107,7 @@ def _sentence(
     # A constant is not a matter of time; the mean over the bins is removed before the test.
     weight = 1.0 / uncertainty**2
     moved = mean - np.sum(weight * mean) / np.sum(weight)
-    chance = float(scipy.special.chdtrc(mean.size - 1, np.sum(weight * moved**2)))
+    chance = chi_squared_tail(mean.size - 1, float(np.sum(weight * moved**2)))
     sure = uncertainty <= 0.5 * misfit.rms
     if chance > ALARM or not sure.any() or float(np.ptp(mean[sure])) < _PROMINENT * misfit.rms:
         return ""

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
-import scipy
 
+from piezo_opt.chances import f_tail
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
-from piezo_opt.comparison.turns import turning_points
 from piezo_opt.comparison.words import brief
 from piezo_opt.measurement import FloatArray
 
@@ -40,7 +39,7 @@ def by_amplitude(misfit: Misfit) -> ByAmplitude:
 
     A record of one amplitude has one bin.
     """
-    turns = turning_points(misfit.record.drive)
+    turns = misfit.turns
     counted = np.flatnonzero(misfit.record.counted)
     half = np.searchsorted(turns[1:-1], counted, side="left")
     swing = np.abs(np.diff(misfit.record.drive[turns]))[half]
@@ -64,8 +63,10 @@ def _sentence(misfit: Misfit, swing: FloatArray, rms: FloatArray, count: FloatAr
     ratio = float(rms[-1] / rms[0])
     larger, smaller = (-1, 0) if ratio > 1.0 else (0, -1)
     quotient = max(ratio, 1.0 / ratio)
-    chance = float(scipy.special.fdtrc(int(count[larger]), int(count[smaller]), quotient**2))
-    if quotient < _RATIO or 2.0 * chance > ALARM:
+    if quotient < _RATIO:
+        return ""
+    chance = f_tail(float(count[larger]), float(count[smaller]), quotient**2)
+    if 2.0 * chance > ALARM:
         return ""
     unit, drive = misfit.record.position_unit, misfit.record.drive_unit
     return (

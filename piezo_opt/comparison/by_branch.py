@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
-import scipy
 
+from piezo_opt.chances import normal_quantile
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
-from piezo_opt.comparison.turns import directions
 from piezo_opt.comparison.words import brief
 from piezo_opt.measurement import FloatArray
 
@@ -46,13 +45,12 @@ def by_branch(misfit: Misfit) -> ByBranch:
 
     The branch comes from the whole record, so that the first counted sample has one too.
     """
-    branch = directions(misfit.record.drive)[misfit.record.counted]
     bins = int(np.clip(misfit.error.size // 10, 2, 12))
     edges = np.linspace(misfit.drive.min(), misfit.drive.max(), bins + 1)
     which = np.clip(np.searchsorted(edges, misfit.drive, side="right") - 1, 0, bins - 1)
     counts, means, sizes = {}, {}, {}
     for sign in (1.0, -1.0):
-        mine = branch == sign
+        mine = misfit.branch == sign
         weight = np.bincount(which[mine], minlength=bins).astype(np.float64)
         with np.errstate(invalid="ignore", divide="ignore"):
             total = np.bincount(which[mine], misfit.error[mine], minlength=bins)
@@ -84,7 +82,7 @@ def _sentence(
     if size == 0.0:
         return ""
     score = np.where(count > 0, np.nan_to_num(mean), 0.0) * np.sqrt(count) / size
-    limit = float(-scipy.special.ndtri(ALARM / (4 * mean.size)))
+    limit = -normal_quantile(ALARM / (4 * mean.size))
     strong = (np.abs(score) > limit) & (np.abs(np.nan_to_num(mean)) > _PROMINENT * size)
     if not strong.any():
         return ""

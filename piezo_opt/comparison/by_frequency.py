@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
-import scipy
 
+from piezo_opt.chances import chi_squared_quantile
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
 from piezo_opt.comparison.words import brief
 from piezo_opt.measurement import FloatArray
-from piezo_opt.measurement.spectra import densities, density
+from piezo_opt.measurement.spectra import densities, density, running_median
 
 _FEWEST: Final = 32
 _FEWEST_SEGMENTS: Final = 4.0
@@ -137,11 +137,10 @@ def _tone(misfit: Misfit, spectra: ByFrequency, drive: FloatArray, independent: 
     if power.size < 12:
         return ""
     wide = 2 * (min(31, power.size // 2) // 2) + 1
-    floor = scipy.ndimage.median_filter(power, size=wide, mode="nearest")
+    floor = running_median(power, wide)
     freedom = 2.0 * independent
-    limit = float(
-        scipy.special.chdtri(freedom, ALARM / power.size) / scipy.special.chdtri(freedom, 0.5)
-    )
+    rare, usual = (chi_squared_quantile(freedom, p) for p in (ALARM / power.size, 0.5))
+    limit = rare / usual
     with np.errstate(invalid="ignore", divide="ignore"):
         prominence = np.where(floor > 0, power / floor, np.inf)
     prominence[power == 0.0] = 0.0
@@ -170,7 +169,7 @@ def _tone(misfit: Misfit, spectra: ByFrequency, drive: FloatArray, independent: 
     main = _line(misfit, misfit.drive, main, spectra)
     order = round(centre / main)
     share = float(drive.max() / drive.sum())
-    beside = float(scipy.ndimage.median_filter(drive, size=wide, mode="nearest")[peak])
+    beside = float(running_median(drive, wide)[peak])
     # Below that a drive's spectrum is rounding.
     if drive[flanks].max() > limit * max(beside, 1e-12 * float(drive.max())):
         text += ", where the drive has a line of its own"

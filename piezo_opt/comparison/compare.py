@@ -13,7 +13,6 @@ from piezo_opt.choosing import expected, words
 from piezo_opt.comparison.labels import labels
 from piezo_opt.comparison.metrics import Metrics, measure
 from piezo_opt.comparison.misfit import Misfit
-from piezo_opt.comparison.turns import directions
 from piezo_opt.comparison.where import Where, where
 from piezo_opt.comparison.whiteness import Whiteness, whiteness
 from piezo_opt.errors import InputError
@@ -201,9 +200,7 @@ def _own(fit: Fit) -> tuple[Misfit, ...]:
 def _largest(misfit: Misfit) -> str:
     record = misfit.record
     at = int(np.argmax(np.abs(misfit.error)))
-    branch = {1.0: ", loading", -1.0: ", unloading"}.get(
-        float(directions(record.drive)[record.counted][at]), ""
-    )
+    branch = {1.0: ", loading", -1.0: ", unloading"}.get(float(misfit.branch[at]), "")
     return (
         f"The largest error is {show(float(misfit.error[at]), record.position_unit)}, at "
         f"{misfit.time[at]:.6g} s and {misfit.drive[at]:.4g} {record.drive_unit}{branch}."

@@ -8,6 +8,7 @@ from typing import final
 
 import numpy as np
 
+from piezo_opt.comparison.turns import IntArray, directions, turning_points
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import FloatArray, Measurement
 
@@ -58,6 +59,16 @@ class Misfit:
     def error(self) -> FloatArray:
         """(M,) measured minus modelled at the counted samples [position_unit]."""
         return np.asarray((self.record.position - self.modelled)[self.record.counted])
+
+    @cached_property
+    def turns(self) -> IntArray:
+        """Indices of the record where its drive turns, the first and the last sample included."""
+        return turning_points(self.record.drive)
+
+    @cached_property
+    def branch(self) -> FloatArray:
+        """(M,) +1 where the drive rises at a counted sample, -1 where it falls."""
+        return directions(self.record.drive, self.turns)[self.record.counted]
 
     @cached_property
     def rms(self) -> float:

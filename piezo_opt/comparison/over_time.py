@@ -7,8 +7,8 @@ from itertools import pairwise
 from typing import Final, final
 
 import numpy as np
-import scipy
 
+from piezo_opt.chances import f_tail
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.words import brief
 from piezo_opt.measurement import FloatArray
@@ -56,8 +56,10 @@ def _sentence(misfit: Misfit, edges: FloatArray, rms: FloatArray, sizes: FloatAr
         return ""
     ratio = float(rms[worst]) / usual
     rest = misfit.error.size - int(sizes[worst])
-    chance = float(scipy.special.fdtrc(int(sizes[worst]), rest, ratio**2)) * rms.size
-    if ratio < _RATIO or chance > ALARM:
+    if ratio < _RATIO:
+        return ""
+    chance = f_tail(float(sizes[worst]), rest, ratio**2) * rms.size
+    if chance > ALARM:
         return ""
     unit = misfit.record.position_unit
     return (

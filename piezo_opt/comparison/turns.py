@@ -57,13 +57,16 @@ def turning_points(drive: FloatArray) -> IntArray:
     return np.array(sorted(set(found)), dtype=np.int64)
 
 
-def directions(drive: FloatArray) -> FloatArray:
+def directions(drive: FloatArray, turns: IntArray) -> FloatArray:
     """(N,) +1 where the drive rises (loading), -1 where it falls; 0 where it never moved.
 
     The sample at a turn belongs to the branch that ends there, and a hold to the movement
     before it.
+
+    Args:
+        drive: (N,) in any unit.
+        turns: its :func:`turning_points`.
     """
-    turns = turning_points(drive)
     signs = np.sign(np.diff(drive[turns]))
     branch = np.searchsorted(turns[1:-1], np.arange(drive.size), side="left")
     return np.asarray(signs[branch], dtype=np.float64)

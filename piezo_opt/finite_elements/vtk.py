@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 
+from piezo_opt.files import replacing
 from piezo_opt.finite_elements.body import VTK_ORDER
 from piezo_opt.finite_elements.library import library
 from piezo_opt.finite_elements.modes import Modes
 from piezo_opt.finite_elements.statics import Static
-from piezo_opt.readers.files import replacing
 
 
 def write_vtk(

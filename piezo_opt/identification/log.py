@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.errors import InputError
+from piezo_opt.files import replacing, target_of
 from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.unknowns import Unknowns
-from piezo_opt.readers.files import replacing, target_of
 from piezo_opt.readers.memory import hdf5_in_memory
 
 FloatArray = NDArray[np.float64]

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from piezo_opt.chances import t_quantile
 from piezo_opt.effects.model import Model
+from piezo_opt.files import replacing
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.outcome import Evaluations, Outcome, Trace
@@ -22,7 +23,6 @@ from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarqua
 from piezo_opt.identification.tall import inner
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
 from piezo_opt.measurement import Measurement
-from piezo_opt.readers.files import replacing
 from piezo_opt.simulation import INITIAL, Accuracy
 from piezo_opt.units import show
 from piezo_opt.values import Values
@@ -134,7 +134,7 @@ class Fit:
         """Confidence interval of an unknown (Student's t)."""
         counted = sum(int(record.counted.sum()) for record in self.records)
         free = max(1, counted - len(self.names))
-        half = float(scipy.special.stdtrit(free, 0.5 + 0.5 * level)) * self.std[name]
+        half = t_quantile(free, 0.5 + 0.5 * level) * self.std[name]
         return self.values[name] - half, self.values[name] + half
 
     @property

@@ -25,12 +25,12 @@ from piezo_opt.choosing import expected
 from piezo_opt.effects.catalogue import model_from_dict
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, PiezoOptError
+from piezo_opt.files import replacing
 from piezo_opt.identification.outcome import Ending, Evaluations, Outcome, Trace
 from piezo_opt.identification.problem import Identification, Loss, Prior, Shape, Start
 from piezo_opt.identification.result import Fit, StartResult
 from piezo_opt.measurement import Campaign
 from piezo_opt.readers import read_campaign, write
-from piezo_opt.readers.files import replacing
 from piezo_opt.readers.memory import hdf5_in_memory
 from piezo_opt.simulation import Accuracy, Substeps
 from piezo_opt.values import Values

@@ -6,8 +6,8 @@ import json
 import os
 
 from piezo_opt.errors import InputError
+from piezo_opt.files import checked
 from piezo_opt.linear_models.modal import ModalModel
-from piezo_opt.readers.files import checked
 
 
 def read_axes_model(path: str | os.PathLike[str]) -> ModalModel:

@@ -56,7 +56,7 @@ def lone_readings(drive: FloatArray, reading: FloatArray) -> IndexArray:
     unlike = np.maximum(np.abs(reading[3:-1] - reading[1:-3]), np.abs(near - beyond))
     off[2:-2][unlike > 0.5 * off[2:-2]] = 0.0
     most = max(3, n // 1000)
-    order = np.argsort(-off)
+    order = np.argpartition(-off, most)
     least = max(
         _LONE * float(off[order[most]]), _FAR * float(np.median(np.abs(np.diff(reading, 3)))),
         _VISIBLE * float(np.ptp(reading)),

@@ -57,6 +57,12 @@ def density(values: FloatArray, *, rate: float, length: int) -> FloatArray:
     return _power(_stretches(values, length)) * _share(values.size, rate, length)
 
 
+def running_median(values: FloatArray, wide: int) -> FloatArray:
+    """Median of the ``wide`` values (odd) around each of (N,); the ends go on beyond the edges."""
+    around = np.pad(values, wide // 2, mode="edge")
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(around, wide), axis=-1))
+
+
 def _power(spectra: ComplexArray) -> FloatArray:
     return np.asarray(np.sum(spectra.real**2 + spectra.imag**2, axis=0))
 

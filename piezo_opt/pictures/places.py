@@ -26,17 +26,14 @@ BANDS: Final = 600
 
 def branch(models: Sequence[Judged]) -> Picture:
     """Error against the drive: rising branch on the left, falling branch on the right."""
-    from piezo_opt.comparison.turns import directions
-
     record = models[0][1].record
     factor, unit = prefixed(record.position_unit, *(misfit.error for _, misfit, _ in models))
     volts, drive_unit = prefixed(record.drive_unit, models[0][1].drive)
-    which = directions(record.drive)[record.counted]
     panels = []
     for sign, name in ((1.0, "Loading (drive rises)"), (-1.0, "Unloading (drive falls)")):
         traces = []
         for (label, misfit, where), tone in zip(models, MODELS, strict=False):
-            drive, error = misfit.drive[which == sign], misfit.error[which == sign]
+            drive, error = misfit.drive[misfit.branch == sign], misfit.error[misfit.branch == sign]
             found = where.by_branch
             mean = found.loading_mean if sign > 0 else found.unloading_mean
             if drive.size:

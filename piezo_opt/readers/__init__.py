@@ -180,7 +180,8 @@ def read_drive(
 def headers(path: str | os.PathLike[str]) -> tuple[str, ...]:
     """How the columns of a file are headed, ``"voltage [V]"``, in its order.
 
-    Columns without numbers are left out; a file of this package has none to choose from.
+    Columns without numbers are left out, and those of a table without a header have numbers for
+    names, ``"2"``; a file of this package has none to choose from.
 
     Raises:
         InputError: the file cannot be read.
@@ -188,7 +189,11 @@ def headers(path: str | os.PathLike[str]) -> tuple[str, ...]:
     file = Path(path)
     if _stored(file) is not None:
         return ()
-    return tuple(c.header for c in table_of(file, Wanted()).columns if c.values.size)
+    try:
+        table = table_of(file, Wanted())
+    except InputError:
+        table = table_of(file, Wanted(drive="1", position="1"))
+    return tuple(c.header for c in table.columns if c.values.size)
 
 
 def write(

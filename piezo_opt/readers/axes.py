@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from piezo_opt.errors import InputError
+from piezo_opt.files import checked, replacing
 from piezo_opt.measurement.arrays import FloatArray
 from piezo_opt.measurement.axes import AxesCampaign, AxesRecord
 from piezo_opt.measurement.clock import Clock
@@ -23,7 +24,6 @@ from piezo_opt.readers.columns import (
     choose,
     in_si,
 )
-from piezo_opt.readers.files import checked, replacing
 from piezo_opt.readers.wanted import Wanted
 from piezo_opt.units import quantity, same_dimension
 

@@ -23,9 +23,9 @@ from typing import Any, Final, TextIO
 import numpy as np
 
 from piezo_opt.errors import InputError
+from piezo_opt.files import MOST_ROWS, checked, refuse_rows
 from piezo_opt.measurement import Between, FloatArray
 from piezo_opt.readers.columns import Column, Table
-from piezo_opt.readers.files import MOST_ROWS, checked, refuse_rows
 from piezo_opt.readers.instants import dated, is_instant, seconds_reader, since_first
 from piezo_opt.readers.layout import Layout, Line, layout_of
 from piezo_opt.readers.preamble import steps_of

@@ -7,9 +7,9 @@ import os
 import numpy as np
 
 from piezo_opt.errors import InputError
+from piezo_opt.files import replacing
 from piezo_opt.measurement import FloatArray, Measurement
 from piezo_opt.readers.csv import SIGNATURE
-from piezo_opt.readers.files import replacing
 from piezo_opt.readers.records import LEFT_OUT
 
 

@@ -31,10 +31,10 @@ import h5py
 import numpy as np
 
 from piezo_opt.errors import InputError
+from piezo_opt.files import checked, refuse_rows, replacing
 from piezo_opt.measurement import Between, Campaign, FloatArray, Measurement
 from piezo_opt.readers.columns import Column, Table
 from piezo_opt.readers.conventions import column_of
-from piezo_opt.readers.files import checked, refuse_rows, replacing
 from piezo_opt.readers.headers import known_unit
 from piezo_opt.readers.memory import hdf5_in_memory
 from piezo_opt.readers.preamble import steps_of

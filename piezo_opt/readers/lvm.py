@@ -16,9 +16,9 @@ from typing import Final, final
 import numpy as np
 
 from piezo_opt.errors import InputError
+from piezo_opt.files import checked, refuse_rows
 from piezo_opt.measurement import FloatArray
 from piezo_opt.readers.columns import Column, Table
-from piezo_opt.readers.files import checked, refuse_rows
 from piezo_opt.readers.headers import header_cell, unit_word
 from piezo_opt.readers.preamble import Steps
 from piezo_opt.readers.text import encoding_of

@@ -16,8 +16,8 @@ from typing import Any
 import scipy
 
 from piezo_opt.errors import InputError
+from piezo_opt.files import checked, refuse_rows
 from piezo_opt.readers.columns import Table
-from piezo_opt.readers.files import checked, refuse_rows
 from piezo_opt.readers.mat_structure import check_structure
 from piezo_opt.readers.mat_tree import columns_of
 

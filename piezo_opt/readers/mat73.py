@@ -12,7 +12,7 @@ from typing import Any, Final
 import h5py
 import numpy as np
 
-from piezo_opt.readers.files import refuse_rows
+from piezo_opt.files import refuse_rows
 from piezo_opt.readers.hdf5 import opened, text_of
 
 _DEEPEST: Final = 12

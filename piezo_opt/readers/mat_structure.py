@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import final
 
 from piezo_opt.errors import InputError
-from piezo_opt.readers.files import LARGEST_FILE
+from piezo_opt.files import LARGEST_FILE
 
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15

@@ -9,9 +9,9 @@ import numpy as np
 import scipy
 
 from piezo_opt.errors import InputError
+from piezo_opt.files import checked, refuse_rows
 from piezo_opt.readers.columns import Column, Table
 from piezo_opt.readers.conventions import column_of
-from piezo_opt.readers.files import checked, refuse_rows
 
 
 def table_from_netcdf(path: str | os.PathLike[str]) -> Table:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from piezo_opt.errors import InputError
+from piezo_opt.files import checked, refuse_rows
 from piezo_opt.readers.columns import Column, Table
 from piezo_opt.readers.conventions import column_of
 from piezo_opt.readers.extras import needed
-from piezo_opt.readers.files import checked, refuse_rows
 from piezo_opt.readers.instants import seconds_from_stamps
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -52,10 +53,17 @@ def survives(file: Path) -> bool:
     """Whether reading all of an HDF5 file ends; an error that the library raises is an end."""
     if not _foreign(file):
         return True
-    patience = _PATIENCE_S + file.stat().st_size / _BYTES_A_SECOND
+    known = file.stat()
+    patience = _PATIENCE_S + known.st_size / _BYTES_A_SECOND
+    return _tried(str(file.resolve()), known.st_ino, known.st_mtime_ns, _READ_ALL, patience)
+
+
+@lru_cache(maxsize=64)
+def _tried(file: str, _number: int, _changed: int, program: str, patience: float) -> bool:
+    """Whether a process that reads a file ends well; asked once for a file that stays as it is."""
     try:
         done = subprocess.run(
-            [sys.executable, "-c", _READ_ALL, str(file), str(math.ceil(patience))],
+            [sys.executable, "-c", program, file, str(math.ceil(patience))],
             stdin=subprocess.DEVNULL,
             capture_output=True,
             timeout=patience * _LOADED,

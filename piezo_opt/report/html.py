@@ -7,7 +7,7 @@ from pathlib import Path
 
 from piezo_opt.choosing import expected
 from piezo_opt.errors import InputError
-from piezo_opt.readers.files import replacing
+from piezo_opt.files import replacing
 from piezo_opt.report.chapters import chapter, together
 from piezo_opt.report.page import Heading, page
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from piezo_opt.errors import InputError
-from piezo_opt.readers.files import replacing
+from piezo_opt.files import replacing
 from piezo_opt.signals.drive import Drive
 
 _FLASH: Final = 14_000

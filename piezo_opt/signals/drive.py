@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.errors import InputError
+from piezo_opt.files import MOST_ROWS, replacing
 from piezo_opt.measurement import FEWEST_SAMPLES, Between, Measurement
-from piezo_opt.readers.files import MOST_ROWS, replacing
 from piezo_opt.readers.memory import hdf5_in_memory
 from piezo_opt.units import show
 

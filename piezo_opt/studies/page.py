@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from piezo_opt.errors import InputError
-from piezo_opt.readers.files import replacing
+from piezo_opt.files import replacing
 from piezo_opt.studies.row import Study
 
 BEGIN: Final = "<!-- begin of the study's tables -->"

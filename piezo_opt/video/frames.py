@@ -13,9 +13,9 @@ from typing import Any, final
 import numpy as np
 
 from piezo_opt.errors import InputError
+from piezo_opt.files import checked
 from piezo_opt.measurement import FloatArray
 from piezo_opt.readers.extras import needed
-from piezo_opt.readers.files import checked
 from piezo_opt.units import quantity
 from piezo_opt.video.coding import Coding
 

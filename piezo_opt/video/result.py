@@ -12,10 +12,10 @@ from typing import Any, final
 import numpy as np
 
 from piezo_opt.errors import InputError
+from piezo_opt.files import replacing
 from piezo_opt.measurement import FEWEST_SAMPLES, FloatArray, Measurement
 from piezo_opt.measurement.arrays import BoolArray
 from piezo_opt.readers.drives import DriveSignal
-from piezo_opt.readers.files import replacing
 from piezo_opt.readers.memory import hdf5_in_memory
 from piezo_opt.units import show
 from piezo_opt.video.box import Box

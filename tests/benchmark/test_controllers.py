@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from piezo_opt.benchmark.controllers import ControlBench, control_bench
 from piezo_opt.benchmark.controllers.draws import DESIGNS, Draw, Draws, draws

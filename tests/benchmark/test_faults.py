@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from piezo_opt.benchmark.faults import EPISODE, FAULTS, LIMITS, PERIOD, STAGE, VALUES, endure
 from piezo_opt.cli import app

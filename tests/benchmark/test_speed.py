@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from piezo_opt.benchmark import speed
 from piezo_opt.benchmark.speed import HAND, MODELS, SCHEMA, Speed, measure

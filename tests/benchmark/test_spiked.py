@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from piezo_opt.benchmark import plants, spiked
 from piezo_opt.benchmark.hidden import measurement

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 import pytest
-import typer
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from piezo_opt.cli import app
 from piezo_opt.cli.compare import compare
+from piezo_opt.cli.declare import Argument, Option, command, echo
 from piezo_opt.cli.diagnose import diagnose
 from piezo_opt.cli.fit import fit
 from piezo_opt.cli.groups import grouped
@@ -23,8 +23,8 @@ from tests.readers.forms import U, Y
 
 @dataclass(frozen=True)
 class Size:
-    width: Annotated[int, typer.Option(help="Of the box.")] = 3
-    depth: Annotated[int, typer.Option(min=1)] = 4
+    width: Annotated[int, Option(help="Of the box.")] = 3
+    depth: Annotated[int, Option(min=1)] = 4
 
 
 NORMAL = Size()
@@ -32,21 +32,19 @@ NORMAL = Size()
 
 def test_the_fields_of_a_group_are_options() -> None:
     @grouped
-    def box(name: Annotated[str, typer.Argument()], size: Size = NORMAL, lid: bool = False) -> None:
+    def box(name: Annotated[str, Argument()], size: Size = NORMAL, lid: bool = False) -> None:
         """A box."""
-        typer.echo(f"{name} {size} {lid}")
+        echo(f"{name} {size} {lid}")
 
-    command = typer.Typer()
-    command.command()(box)
-    run = CliRunner().invoke
-    assert run(command, ["a"]).output == f"a {NORMAL} False\n"
-    assert run(command, ["a", "--depth", "7", "--lid"]).output == f"a {Size(3, 7)} True\n"
-    assert run(command, ["a", "--depth", "0"]).exit_code == 2
+    run, shown = CliRunner().invoke, command(box)
+    assert run(shown, ["a"]).output == f"a {NORMAL} False\n"
+    assert run(shown, ["a", "--depth", "7", "--lid"]).output == f"a {Size(3, 7)} True\n"
+    assert run(shown, ["a", "--depth", "0"]).exit_code == 2
 
 
-@pytest.mark.parametrize("command", [fit, compare, diagnose, report, simulate])
-def test_every_command_reads_in_the_same_way(command: object) -> None:
-    options = inspect.signature(command).parameters  # type: ignore[arg-type]
+@pytest.mark.parametrize("command_", [fit, compare, diagnose, report, simulate])
+def test_every_command_reads_in_the_same_way(command_: object) -> None:
+    options = inspect.signature(command_).parameters  # type: ignore[arg-type]
     assert {one.name for one in fields(Reading)} <= set(options)
     # What the command offers is what the Python call takes.
     assert {one.name for one in fields(Reading)} <= set(inspect.signature(read).parameters)

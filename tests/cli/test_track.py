@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from typer.testing import CliRunner, Result
+from click.testing import CliRunner, Result
 
 from piezo_opt.benchmark.filmed import Scene, film
 from piezo_opt.cli import app

@@ -182,7 +182,7 @@ def test_turns_of_a_noisy_triangle_with_holds() -> None:
     turns = turning_points(noisy)
     assert turns.size == 4
     assert 100 <= turns[1] <= 151
-    branch = directions(clean)
+    branch = directions(clean, turning_points(clean))
     assert branch[:151].tolist() == [1.0] * 151
     assert branch[151:301].tolist() == [-1.0] * 150
     first, last, sign = rests(noisy)

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from numpy.typing import NDArray
-from typer.testing import CliRunner
 
 import piezo_opt as po
 from piezo_opt.cli import app

@@ -14,11 +14,11 @@ import casadi as ca
 import fmpy
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
-from typer.testing import CliRunner
 
 import piezo_opt as po
 from piezo_opt.cli import app

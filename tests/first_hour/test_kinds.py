@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from piezo_opt.cli import app
 from tests.first_hour.kinds import KINDS, LINEAR, MODES, RAIL, SLACK, put

@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from click.testing import CliRunner, Result
 
 from piezo_opt.cli import app
 from tests.first_hour.laboratory import NOISE, make

@@ -2,9 +2,15 @@
 
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import ndimage, signal
 
-from piezo_opt.measurement.spectra import densities, density, frequencies, without_line
+from piezo_opt.measurement.spectra import (
+    densities,
+    density,
+    frequencies,
+    running_median,
+    without_line,
+)
 
 RNG = np.random.default_rng(3)
 ONE, OTHER = RNG.normal(size=(2, 1001)).cumsum(axis=1)
@@ -26,3 +32,9 @@ def test_densities_are_those_of_the_library(length: int) -> None:
 def test_a_line_is_taken_out() -> None:
     np.testing.assert_allclose(without_line(ONE), signal.detrend(ONE), atol=1e-10)
     np.testing.assert_array_equal(without_line(np.array([7.0])), [0.0])
+
+
+@pytest.mark.parametrize("wide", [1, 5, 31])
+def test_a_running_median_is_that_of_the_library(wide: int) -> None:
+    known = ndimage.median_filter(ONE, size=wide, mode="nearest")
+    np.testing.assert_array_equal(running_median(ONE, wide), known)

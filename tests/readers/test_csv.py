@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from piezo_opt import files
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import Between, Measurement
-from piezo_opt.readers import files, read, read_campaign, write
+from piezo_opt.readers import read, read_campaign, write
 
 ROWS = 20
 HEADER = "time [s],voltage [V],displacement [um]"

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy import io, sparse
 
+from piezo_opt import files
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import Between, Campaign, Measurement
-from piezo_opt.readers import files, read, read_campaign, write
+from piezo_opt.readers import read, read_campaign, write
 
 T = np.arange(200) / 100
 U = 50 * np.sin(2 * np.pi * T)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 import piezo_opt as po
 from piezo_opt.benchmark.plants.driven import Driven, rig

@@ -20,8 +20,8 @@ from piezo_opt.export.fmu import description, fmi2, fmi3
 from piezo_opt.export.fmu.build import PLATFORMS, compiler_for, library, own_platform
 from piezo_opt.export.fmu.variables import variables
 from piezo_opt.export.given import Source, given, interval
+from piezo_opt.files import replacing
 from piezo_opt.measurement import Measurement
-from piezo_opt.readers.files import replacing
 from piezo_opt.simulation import Accuracy
 
 VERSIONS: Final = ("2.0", "3.0")

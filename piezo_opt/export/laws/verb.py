@@ -40,8 +40,8 @@ from piezo_opt.export.laws.pid import pid
 from piezo_opt.export.laws.same_memory import apart
 from piezo_opt.export.laws.shaper import shaper
 from piezo_opt.export.laws.written import FAR, Written
+from piezo_opt.files import checked
 from piezo_opt.identification import Fit
-from piezo_opt.readers.files import checked
 from piezo_opt.simulation.compiler import find_compiler
 from piezo_opt.units import quantity
 

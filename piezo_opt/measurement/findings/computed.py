@@ -21,11 +21,14 @@ _ORDER, _LEVELS = 3, 8
 def computed(record: Measurement) -> Iterator[Finding]:
     """The reading is a cubic of the drive to the last digit."""
     u, y = record.drive, record.position
-    if np.ptp(y) == 0.0 or np.unique(u).size < _LEVELS:
+    some = slice(None, None, max(1, u.size // 2000))
+    # A few samples tell of most records that they are none such; sorting all would take longer.
+    few = np.unique(u[some]).size < _LEVELS
+    if np.ptp(y) == 0.0 or (few and np.unique(u).size < _LEVELS):
         return
     scaled = 2.0 * (u - u.min()) / np.ptp(u) - 1.0
-    some = slice(None, None, max(1, u.size // 2000))
-    curve = np.polynomial.polynomial.polyfit(scaled[some], y[some], _ORDER)
+    powers = np.vander(scaled[some], _ORDER + 1, increasing=True)
+    curve = np.linalg.lstsq(powers, y[some], rcond=None)[0]
     if _left(scaled[some], y[some], curve) > _DIGITS * np.ptp(y):
         return
     if _left(scaled, y, curve) > _DIGITS * np.ptp(y):
@@ -58,4 +61,4 @@ def computed(record: Measurement) -> Iterator[Finding]:
 
 
 def _left(scaled: np.ndarray, y: np.ndarray, curve: np.ndarray) -> float:
-    return float(np.abs(y - np.polynomial.polynomial.polyval(scaled, curve)).max())
+    return float(np.abs(y - np.polyval(curve[::-1], scaled)).max())
