@@ -7,7 +7,7 @@ halving; Jamieson & Talwalkar 2016, AISTATS 51, 240-248).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -56,9 +56,16 @@ class Book:
         foot: the fit at the foot.
         choices: candidates to choose from, for the price of having chosen.
         threads: refits that run at a time.
+        better: called with the best fit, where it is another one than before.
     """
 
-    def __init__(self, foot: Fit, choices: int, threads: int) -> None:
+    def __init__(
+        self,
+        foot: Fit,
+        choices: int,
+        threads: int,
+        better: Callable[[Fit], None] = lambda _: None,
+    ) -> None:
         self.foot = foot
         self.question: Identification = foot.question
         self.base = Members.of(foot.question, foot.question)
@@ -67,7 +74,8 @@ class Book:
         self.brief = False
         """Whether no fit goes on after its first iterations: after an interrupt what the answer
         still needs is fitted so."""
-        self._closest = foot
+        self._closest = self._told = foot
+        self._better = better
         self._choices = choices
         self._threads = threads
         self._fits: dict[Members, Fit] = {self.base: foot}
@@ -98,7 +106,7 @@ class Book:
     @property
     def best(self) -> Members:
         """The set of the least criterion."""
-        return min(self._fits, key=self.price)
+        return min(tuple(self._fits), key=self.price)
 
     @property
     def level(self) -> tuple[Members, ...]:
@@ -150,9 +158,11 @@ class Book:
         """
         fresh = [start for start in starts if self._new(start)]
         with Pool(max_workers=self._threads) as pool:
-            running = [
-                (start, fit) for start, fit in pool.map(self._first, fresh) if fit is not None
-            ]
+            running: list[tuple[Start, Fit]] = []
+            for start, fit in pool.map(self._first, fresh):
+                if fit is not None:
+                    running.append((start, fit))
+                    self._tell()
             self._recolour()
             iterations = _FIRST
             for _ in range(0 if self.brief else _ROUNDS):
@@ -187,6 +197,14 @@ class Book:
         if closest is not self._closest:
             self._closest = closest
             self.colour = Colour.of(closest.residuals, self.colour.lengths)
+        self._tell()
+
+    def _tell(self) -> None:
+        """Say which fit is the best one, where it is another one than before."""
+        best = self._fits[self.best]
+        if best is not self._told:
+            self._told = best
+            self._better(best)
 
     def fresh(self, members: Members) -> Values | None:
         """Where a first fit of a set would begin; None where nothing there can be simulated."""

@@ -287,6 +287,7 @@ def diagnose(
     worth: float = WORTH,
     max_time: float | None = None,
     progress: Callable[[str], None] | None = None,
+    better: Callable[[Fit], None] | None = None,
 ) -> Diagnosis:
     """Name what is missing from a fitted model, and prove it on data that was not fitted.
 
@@ -307,6 +308,8 @@ def diagnose(
             minute and 2 ms a sample, ``math.inf`` for no limit. What is being refitted when it
             passes is finished first.
         progress: called with sentences about what is going on.
+        better: called with the best fit of the search so far, without its statistics, each time
+            that another one is ahead.
 
     Returns:
         the diagnosis. An interrupt (Ctrl-C) or the time limit gives the best so far, and
@@ -368,7 +371,9 @@ def diagnose(
         half = 0.5 * max_time if math.isfinite(max_time) else None
         return sketched(base, offered, withhold, effort, worth, threads, tell, half)
 
-    searched = search(fit, offered, withhold, effort, worth, threads, tell, limit, begun)
+    searched = search(
+        fit, offered, withhold, effort, worth, threads, tell, limit, begun, better or _silent
+    )
     answer = told(searched.book, searched.suspects, worth, judge)
     final = fit if answer.final is fit else with_statistics(answer.final)
     floor = noise_floor(final)
@@ -526,7 +531,7 @@ def _finite(number: float | None) -> float | None:
     return None if number is None or not math.isfinite(number) else number
 
 
-def _silent(_: str) -> None:
+def _silent(_: object) -> None:
     return None
 
 

@@ -92,6 +92,7 @@ def search(
     tell: Callable[[str], None],
     limit: TimeLimit,
     begun: Callable[[], Sequence[Start]] = tuple,
+    better: Callable[[Fit], None] = lambda _: None,
 ) -> Searched:
     """Search the sets around a fit.
 
@@ -107,8 +108,9 @@ def search(
         limit: of wall time.
         begun: gives sets, and where they begin, that are fitted before any is expanded. Their
             neighbours were asked elsewhere: of one that leaves only noise, only details are.
+        better: called with the best fit so far, where it is another one than before.
     """
-    book = Book(foot, len(offered), threads)
+    book = Book(foot, len(offered), threads, better)
     suspects: tuple[Suspect, ...] = ()
     unscored: tuple[Unscored, ...] = ()
     seen_in: Colour | None = None

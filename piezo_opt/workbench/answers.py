@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.measurement import Check
+from piezo_opt.measurement import Campaign, Check, Measurement
 from piezo_opt.pictures import Picture
 from piezo_opt.pictures.places import pictures
 from piezo_opt.units import show
@@ -43,12 +43,20 @@ class Looked:
 @final
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A fit: what it says, the modelled reading of each record, its iterates' rms [m], and for
-    each record the pictures of where its residual lives."""
+    """A fit: what it says, the modelled reading of each record, and its iterates' rms [m]."""
 
     told: dict[str, Any]
     readings: tuple[FloatArray, ...]
     trace: tuple[float, ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Where a fit fails, in sentences, and for each record the pictures of where its residual
+    lives."""
+
+    sentences: tuple[str, ...]
     places: tuple[dict[str, Picture], ...]
 
 
@@ -98,42 +106,63 @@ def planned(experiments: Sequence[Advice], never: Sequence[str]) -> Planned:
     return Planned(tuple(drives), tuple(never))
 
 
-def looked(found: Check) -> Looked:
-    """Columns, units, sampling and remarks of records, before anything is fitted."""
-    records = [
-        {
-            "name": r.name,
-            "source": r.source,
-            "samples": len(r),
-            "not counted": int(len(r) - r.counted.sum()),
-            "duration": show(r.duration, "s"),
-            "sampling": show(r.rate, "Hz") if r.uniform else f"uneven, {show(r.rate, 'Hz')}",
-            "between": r.between.value,
-            "period": "" if r.period is None else show(r.period, "s"),
-            "units": {"drive": r.drive_unit, "position": r.position_unit, **r.channel_units},
-            "ranges": {
-                name: f"{show(float(np.min(x)), unit)} to {show(float(np.max(x)), unit)}"
-                for name, x, unit in (
-                    ("drive", r.drive, r.drive_unit),
-                    ("position", r.position, r.position_unit),
-                    *((n, x, r.channel_units[n]) for n, x in r.channels.items()),
-                )
-            },
-            "remarks": list(r.remarks),
-            "span": [float(r.time[0]), float(r.time[-1])],
-        }
-        for r in found.records
-    ]
-    told = {"records": records, **{k: found.to_dict()[k] for k in ("findings", "fit_for_use")}}
-    signals = tuple((r.time, r.drive, r.position) for r in found.records)
-    return Looked(told, signals, tuple(r.counted for r in found.records))
+@final
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """What records show that have been handed over already."""
+
+    told: dict[str, Any]
+
+
+def read(records: Campaign) -> Looked:
+    """Columns, units and sampling of records that nobody has checked yet."""
+    told = {"records": [_told(r, r.notes) for r in records], "findings": [], "fit_for_use": False}
+    return Looked(told, *_arrays(records))
+
+
+def looked(found: Check) -> Looked | Checked:
+    """The same with what the records show, and what was mended."""
+    data = found.to_dict()
+    told = {
+        "records": [_told(r, r.remarks) for r in found.records],
+        **{k: data[k] for k in ("findings", "fit_for_use")},
+    }
+    if found.records.records == found.given.records:
+        return Checked(told)
+    return Looked(told, *_arrays(found.records))
+
+
+def _arrays(records: Campaign) -> tuple[tuple[Signals, ...], tuple[NDArray[np.bool_], ...]]:
+    signals = tuple((r.time, r.drive, r.position) for r in records)
+    return signals, tuple(r.counted for r in records)
+
+
+def _told(r: Measurement, remarks: Sequence[str]) -> dict[str, Any]:
+    return {
+        "name": r.name,
+        "source": r.source,
+        "samples": len(r),
+        "not counted": int(len(r) - r.counted.sum()),
+        "duration": show(r.duration, "s"),
+        "sampling": show(r.rate, "Hz") if r.uniform else f"uneven, {show(r.rate, 'Hz')}",
+        "between": r.between.value,
+        "period": "" if r.period is None else show(r.period, "s"),
+        "units": {"drive": r.drive_unit, "position": r.position_unit, **r.channel_units},
+        "ranges": {
+            name: f"{show(float(np.min(x)), unit)} to {show(float(np.max(x)), unit)}"
+            for name, x, unit in (
+                ("drive", r.drive, r.drive_unit),
+                ("position", r.position, r.position_unit),
+                *((n, x, r.channel_units[n]) for n, x in r.channels.items()),
+            )
+        },
+        "remarks": list(remarks),
+        "span": [float(r.time[0]), float(r.time[-1])],
+    }
 
 
 def fitted(fit: Fit, remarks: Sequence[str]) -> Fitted:
     """A fit in words and numbers."""
-    from piezo_opt.comparison import compare
-
-    entry = compare(fit).entries[0]
     bounds = {n: fit.question.bounds.get(n, p.bounds) for n, p in fit.model.parameters.items()}
     data = fit.to_dict()
     told = {
@@ -159,17 +188,24 @@ def fitted(fit: Fit, remarks: Sequence[str]) -> Fitted:
             for name, one in data["parameters"].items()
             if name in bounds
         ],
-        "sentences": list(entry.sentences),
         "blind": list(fit.blind),
         "remarks": [*remarks, *(r for r in fit.remarks if r not in remarks)],
         "json": data,
         "toml": model_file(fit),
     }
+    return Fitted(told, fit.readings, tuple(map(float, fit.trace.rms)))
+
+
+def judged(fit: Fit) -> Judged:
+    """Where a fit fails; of a long record that takes longer than the fit itself."""
+    from piezo_opt.comparison import compare
+
+    entry = compare(fit).entries[0]
     places = tuple(
         pictures([("model", misfit, found)])
         for misfit, found in zip(entry.misfits, entry.where, strict=True)
     )
-    return Fitted(told, fit.readings, tuple(map(float, fit.trace.rms)), places)
+    return Judged(entry.sentences, places)
 
 
 def _instead(one: Effect, fit: Fit) -> list[str]:

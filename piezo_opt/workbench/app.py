@@ -23,11 +23,11 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from piezo_opt.errors import InputError, PiezoOptError
+from piezo_opt.files import LARGEST_FILE
 from piezo_opt.pictures import Axis, Panel, Picture, Tone, Trace, plain
 from piezo_opt.pictures.places import picture
 from piezo_opt.pictures.records import Seen, loop, over_time
 from piezo_opt.pictures.thinning import envelope, stretches, window
-from piezo_opt.readers.files import LARGEST_FILE
 from piezo_opt.workbench.answers import Drive, Signals
 from piezo_opt.workbench.bench import Bench
 from piezo_opt.workbench.edits import edit_from_dict
@@ -263,18 +263,18 @@ def _view(bench: Bench, asked: Mapping[str, str]) -> str:
 
 def _place(bench: Bench, asked: Mapping[str, str]) -> str:
     """Where the residual of one record lives, in one of the views."""
-    fit = bench.fits.get(bench.shown)
-    if fit is None:
-        raise InputError("There is no fit yet: fit the model first.")
+    judged = bench.judged.get(bench.shown)
+    if judged is None:
+        raise InputError("There is no fit yet, or it is not judged yet: fit the model first.")
     index = asked.get("record", "0")
-    if not index.isdecimal() or int(index) >= len(fit.places):
+    if not index.isdecimal() or int(index) >= len(judged.places):
         raise InputError(f"There is no record number {index}.")
-    views = fit.places[int(index)]
+    views = judged.places[int(index)]
     return _json({"views": list(views), **plain(picture(views, asked.get("by", "branch")))})
 
 
 async def _download(bench: Bench, what: str) -> Response:
-    now = bench.fits.get(bench.session.depth) if bench.session.fitted else None
+    now = bench.settled
     if numbered := re.fullmatch(r"drive-(\d{1,4})\.csv", what):
         one = _drive(bench, numbered[1])
         return _file(one.csv, f"{one.name}.csv", "text/csv")

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import os
 import signal
+import socket
 import threading
 from collections.abc import AsyncIterator
 from dataclasses import replace
@@ -13,12 +14,13 @@ from pathlib import Path
 from typing import Any, Final, final
 
 from piezo_opt.errors import InputError
-from piezo_opt.workbench.answers import Fitted, Looked, Planned, Scored
+from piezo_opt.workbench.answers import Checked, Fitted, Judged, Looked, Planned, Scored
 from piezo_opt.workbench.edits import Edit
 from piezo_opt.workbench.load import Load
 from piezo_opt.workbench.process import Worker, begin
 from piezo_opt.workbench.session import Session
 from piezo_opt.workbench.worker import (
+    Ahead,
     Begun,
     Ended,
     Found,
@@ -32,6 +34,8 @@ from piezo_opt.workbench.worker import (
 
 Event = tuple[str, Any]
 
+_AGAIN_S: Final = 0.05
+"""After which a search that was stopped is interrupted again: it would sum up what it has found."""
 _WAITING: Final = 1000
 """Events that a page may lag behind; one that has gone to sleep is let go, and asks again."""
 _MANY: Final = 200_000
@@ -54,15 +58,15 @@ class Bench:
     Args:
         session: where it begins.
         file: where every step is kept.
-        worker: one that was begun already.
     """
 
-    def __init__(self, session: Session, file: Path, worker: Worker | None = None) -> None:
+    def __init__(self, session: Session, file: Path) -> None:
         self.session = session
         self.file = file
         self.version = 0
         self.looked: Looked | None = None
         self.fits: dict[int, Fitted] = {}
+        self.judged: dict[int, Judged] = {}
         self.scores: dict[int, Scored] = {}
         self.headers: tuple[str, ...] = ()
         self.plan: Planned | None = None
@@ -73,20 +77,28 @@ class Bench:
         self._job: Job | None = None
         self._waiting: list[Job] = []
         self._before = session
-        self._known: tuple[dict[int, Fitted], dict[int, Scored]] = ({}, {})
+        self._known: tuple[dict[int, Fitted], dict[int, Judged], dict[int, Scored]] = ({}, {}, {})
         self._iterates: list[float] = []
         self._solving = -1
+        self._best: Ahead | None = None
+        self._unsolved = -1
+        self._stopped = False
         self._results: dict[int, asyncio.Future[str]] = {}
-        self._begun = worker
+        self._begun: Worker | None = None
         self._ahead: Job | None = None
         self._worker: Worker | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
 
     # What a page may do
 
-    def ahead(self) -> None:
-        """Have the records read already, while the server is still being loaded."""
-        if self.session.load.sources and self._begun is not None:
+    def ahead(self, listening: socket.socket) -> None:
+        """Have the records read already, while the server is still being loaded.
+
+        Args:
+            listening: the server's own, which is none of the worker's business.
+        """
+        self._begun = begin(listening)
+        if self.session.load.sources:
             self._ahead = Job(Kind.LOOK, self.session)
             with contextlib.suppress(OSError):  # where it has died, its listener says so
                 self._begun.pipe.send(self._ahead)
@@ -105,7 +117,7 @@ class Bench:
         if self.session.fitted:
             self._keep_aside()
         self._set(Session(load))
-        self.looked, self.fits, self.scores, self.sentences = None, {}, {}, ()
+        self.looked, self.fits, self.judged, self.scores, self.sentences = None, {}, {}, {}, ()
         self.plan, self.headers = None, ()
         if load.sources:
             self._begin(Job(Kind.LOOK, self.session))
@@ -142,6 +154,7 @@ class Bench:
         self._idle()
         self._need_fit()
         self.sentences = ()
+        self._best, self._stopped = None, False
         self._begin(Job(Kind.SEARCH, self.session))
 
     def next(self) -> None:
@@ -154,7 +167,10 @@ class Bench:
         """End the job that runs, with the best so far where there is one."""
         if self._job is None:
             raise InputError("Nothing runs that could be stopped.")
-        self._interrupt()
+        if self._job.kind is Kind.SEARCH and not self._stopped:
+            self._stop(self._job)
+        else:
+            self._interrupt()
 
     async def made(self, kind: Kind, target: Path) -> str:
         """Have a worker write a file or folder; what it said.
@@ -178,14 +194,14 @@ class Bench:
     def state(self) -> dict[str, Any]:
         """All that the page shows but the curves."""
         depth, at = self.session.depth, self.shown
-        now, score = self.fits.get(at), self.scores.get(at)
+        now, judged, score = self.fits.get(at), self.judged.get(at), self.scores.get(at)
         steps = ["default model", *(edit.title for edit in self.session.edits)]
         shown = self.session.fitted
         return {
             "version": self.version,
             "file": str(self.file),
-            "busy": "" if self._job is None else _NAMES[self._job.kind],
-            "kind": "" if self._job is None else self._job.kind.value,
+            "busy": "" if self._job is None else _NAMES[self._kind],
+            "kind": "" if self._job is None else self._kind.value,
             "problem": " ".join(filter(None, (self.problem, self.unkept))),
             "sentences": list(self.sentences),
             "load": self.session.load.to_dict(),
@@ -205,6 +221,7 @@ class Bench:
             "solving": self._solving,
             "iterates": list(self._iterates),
             "fit": None if now is None else {k: v for k, v in now.told.items() if k != "json"},
+            "where": None if judged is None else list(judged.sentences),
             "scores": None if score is None else score.told,
             "plan": None
             if self.plan is None
@@ -213,6 +230,19 @@ class Bench:
                 "never": list(self.plan.never),
             },
         }
+
+    @property
+    def _kind(self) -> Kind:
+        """What the job that runs is for; a search that was stopped only makes way for a fit."""
+        assert self._job is not None
+        return Kind.FIT if self._stopped else self._job.kind
+
+    @property
+    def settled(self) -> Fitted | None:
+        """The fit of the steps that hold; None where there is none, or it is still solved."""
+        depth = self.session.depth
+        known = self.session.fitted and depth != self._unsolved
+        return self.fits.get(depth) if known else None
 
     @property
     def shown(self) -> int:
@@ -257,18 +287,42 @@ class Bench:
             raise InputError(f"Wait, or stop it first: {_NAMES[self._job.kind]}.")
 
     def _need_fit(self) -> None:
-        if not self.session.fitted or self.session.depth not in self.fits:
+        if self.settled is None:
             raise InputError("There is no fit yet: fit the model first.")
 
     def _step(self, edit: Edit) -> None:
         before, self.problem = self.session, ""
-        self._known = (dict(self.fits), dict(self.scores))
+        self._known = (dict(self.fits), dict(self.judged), dict(self.scores))
         self._set(before.with_(edit))
         self._before = before
         depth = self.session.depth
         self.fits = {d: fit for d, fit in self.fits.items() if d < depth}
+        self.judged = {d: judged for d, judged in self.judged.items() if d < depth}
         self.scores = {d: score for d, score in self.scores.items() if d < depth}
         self._begin(Job(Kind.FIT, self.session))
+
+    def _stop(self, job: Job) -> None:
+        """Take over the best of a search at once; its numbers are solved once more behind it."""
+        best, self._stopped = self._best, True
+        self.sentences = (
+            "Not finished: the search was stopped. "
+            + (
+                "It had found nothing better so far."
+                if best is None
+                else "The best that it had found so far is the model now."
+            ),
+        )
+        if best is not None:
+            self._step(best.edit)
+            self._unsolved = self.session.depth
+            self.fits[self._unsolved] = best.fit
+        self._changed()
+        self._interrupt_until_over(job)
+
+    def _interrupt_until_over(self, job: Job) -> None:
+        if self._job is job and self._loop is not None:
+            self._interrupt()
+            self._loop.call_later(_AGAIN_S, self._interrupt_until_over, job)
 
     def _move(self, session: Session) -> None:
         self.problem, self.plan = "", None
@@ -344,14 +398,26 @@ class Bench:
             case Looked():
                 self.looked, self.problem = message, ""
                 self._changed()
+            case Checked(told) if self.looked is not None:
+                self.looked = replace(self.looked, told=told)
+                self._changed()
             case Headers(names):
                 self.headers = names
                 self._changed()
+            case Ahead():
+                self._best = message
             case Solved(depth, fit):
                 self.fits[depth] = fit
+                self._unsolved = -1 if depth == self._unsolved else self._unsolved
                 self._changed()
+            case Planned() | Found() if self._stopped:
+                pass  # it was over by itself when it was stopped
             case Planned():
                 self.plan = message
+                self._changed()
+            case Judged():
+                assert job is not None
+                self.judged[job.session.depth] = message
                 self._changed()
             case Scored():
                 assert job is not None
@@ -375,6 +441,7 @@ class Bench:
         """A job has ended; a step that could not be solved is taken back."""
         job, self._job = self._job, None
         self._solving, self._iterates = -1, []
+        stopped, self._stopped = self._stopped, False
         if self.unkept:
             self._keep()
         if job is None:
@@ -385,10 +452,14 @@ class Bench:
                 future.set_exception(InputError(failed))
             else:
                 future.set_result("")
-        elif failed and job.kind is not Kind.SCORE:
+        elif failed and job.kind is not Kind.SCORE and not stopped:
             self.problem = failed
-            if job.kind is Kind.FIT and job.session.depth not in self.fits:
-                self._take_back()
+            if job.kind is Kind.FIT:
+                if job.session.depth == self._unsolved:
+                    del self.fits[self._unsolved]
+                    self._unsolved = -1
+                if job.session.depth not in self.fits:
+                    self._take_back()
         depth = self.session.depth
         wanted = self.session.fitted and depth in self.fits and depth not in self.scores
         if wanted and not self._waiting and not failed:
@@ -408,7 +479,7 @@ class Bench:
                     return
             self._set(replace(self.session, fitted=False, edits=(), depth=0))
         elif self._before.depth in self.fits:
-            self.fits, self.scores = self._known
+            self.fits, self.judged, self.scores = self._known
             self._set(self._before)
         else:
             self._set(replace(self.session, depth=min(self.session.depth, solved)))

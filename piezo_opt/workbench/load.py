@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, final
+from typing import TYPE_CHECKING, Any, Final, final
 
 from piezo_opt.errors import InputError
-from piezo_opt.measurement import Campaign, Check, check
-from piezo_opt.readers import read, read_campaign
+
+if TYPE_CHECKING:  # a session is there, and a browser begins, before numpy is loaded
+    from piezo_opt.measurement import Campaign, Check
 
 READ_BY: Final = (
-    "time", "drive", "position", "rate", "record", "period", "startup", "trim", "gain", "scale",
-    "decimal",
+    "time", "drive", "position", "rate", "record", "between", "period", "startup", "trim", "gain",
+    "scale", "decimal",
 )  # fmt: skip
 """What a user may say about a file, each as text; what is not said is left to the file."""
 
@@ -43,14 +44,20 @@ class Source:
 
     def records(self) -> Campaign:
         """The records of the file."""
+        from piezo_opt.measurement import Campaign
+        from piezo_opt.readers import read, read_campaign
+
         said: dict[str, Any] = dict(self.said)
-        return Campaign.of(read(self.path, **said)) if said else read_campaign(self.path)
+        one = "record" in said
+        return Campaign.of(read(self.path, **said)) if one else read_campaign(self.path, **said)
 
     @property
     def code(self) -> str:
         """The same in Python: an expression that is a collection of records."""
         said = "".join(f", {key}={value!r}" for key, value in self.said.items())
-        return f"[po.read({self.path!r}{said})]" if said else f"po.read_campaign({self.path!r})"
+        if "record" in self.said:
+            return f"[po.read({self.path!r}{said})]"
+        return f"po.read_campaign({self.path!r}{said})"
 
 
 @final
@@ -67,16 +74,27 @@ class Load:
     accept: tuple[str, ...] = ()
     mend: tuple[str, ...] = ()
 
-    def checked(self) -> Check:
-        """The records with what they show about themselves.
+    def records(self) -> Campaign:
+        """The records as they are read.
 
         Raises:
-            InputError: a file cannot be read, or an answer has no finding.
+            InputError: a file cannot be read.
         """
+        from piezo_opt.measurement import Campaign
+
         if not self.sources:
             raise InputError("There is no record: drop a file on the page, or name one")
-        records = [record for source in self.sources for record in source.records()]
-        return check(Campaign.of(records), accept=self.accept, mend=self.mend)
+        return Campaign.of([record for source in self.sources for record in source.records()])
+
+    def checked(self, records: Campaign) -> Check:
+        """What the records show about themselves.
+
+        Raises:
+            InputError: an answer has no finding.
+        """
+        from piezo_opt.measurement import check
+
+        return check(records, accept=self.accept, mend=self.mend)
 
     @property
     def code(self) -> tuple[str, ...]:

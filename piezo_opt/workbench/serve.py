@@ -11,7 +11,6 @@ from pathlib import Path
 from types import FrameType
 
 from piezo_opt.errors import InputError
-from piezo_opt.workbench.process import Worker
 from piezo_opt.workbench.session import Session
 
 
@@ -20,7 +19,6 @@ def serve(
     file: Path,
     *,
     port: int = 0,
-    worker: Worker | None = None,
     ready: Callable[[str], None] | None = None,
 ) -> None:
     """Serve a session on the loopback address until the process is interrupted.
@@ -29,7 +27,6 @@ def serve(
         session: where it begins.
         file: where every step is kept.
         port: to listen on; 0 takes a free one.
-        worker: one that was begun already.
         ready: called with the address, once it is answered.
 
     Raises:
@@ -52,11 +49,11 @@ def serve(
         if ready is not None:
             # From here on the system holds a connection until the server answers it.
             ready(f"http://127.0.0.1:{taken}/{token}/")
-        # The browser begins, and the records are read, while the server is loaded.
+        # The browser begins while numpy is loaded, and the records are read while the server is.
         from piezo_opt.workbench.bench import Bench
 
-        bench = Bench(session, file, worker)
-        bench.ahead()
+        bench = Bench(session, file)
+        bench.ahead(listening)
 
         import uvicorn
 

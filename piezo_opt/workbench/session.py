@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, final
 
 from piezo_opt.errors import InputError
-from piezo_opt.readers.files import checked, replacing
+from piezo_opt.files import checked, replacing
 from piezo_opt.workbench.edits import Adopt, Edit, begin_code, edit_from_dict, edit_to_dict
 from piezo_opt.workbench.load import Load
 

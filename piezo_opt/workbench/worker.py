@@ -20,16 +20,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeAlias, final
 
 from piezo_opt.errors import InputError, PiezoOptError
-from piezo_opt.measurement import Check
+from piezo_opt.measurement import Campaign, Check
 from piezo_opt.readers import headers
 from piezo_opt.workbench.answers import (
+    Checked,
     Fitted,
+    Judged,
     Looked,
     Planned,
     Scored,
     fitted,
+    judged,
     looked,
     planned,
+    read,
     scored,
 )
 from piezo_opt.workbench.edits import Adopt, begin
@@ -40,6 +44,8 @@ if TYPE_CHECKING:  # loaded when they are needed, or while nothing is asked
     from piezo_opt.identification import Fit
 
 
+_VISIBLE: Final = 0.02
+"""Change of the error that is worth telling."""
 _SMALL: Final = 1 << 22
 """[bytes] A file below that is read again for its headers without being noticed."""
 
@@ -100,6 +106,15 @@ class Solved:
 
 @final
 @dataclass(frozen=True, eq=False)
+class Ahead:
+    """The best of a search so far: the edit that takes it over, and its fit without statistics."""
+
+    edit: Adopt
+    fit: Fitted
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class Found:
     """What a search found: the edit that takes it over (None for nothing), in words."""
 
@@ -124,8 +139,9 @@ class Ended:
 
 
 Message: TypeAlias = (
-    Begun | Iterate | Solved | Found | Ended | Looked | Scored | Planned | Headers | str
-)
+    Begun | Iterate | Solved | Ahead | Found | Ended
+    | Looked | Checked | Judged | Scored | Planned | Headers | str
+)  # fmt: skip
 
 
 @final
@@ -178,11 +194,15 @@ class _Memory:
         self._fits: dict[str, Fit] = {}
         self._remarks: tuple[str, ...] = ()
 
-    def check(self, load: Load) -> Check:
-        if self._check is None or load != self._load:
-            found = load.checked()
-            self._load, self._check, self._fits = load, found, {}
-        return self._check
+    def check(self, load: Load, tell: Callable[[Campaign], None] = lambda _: None) -> Check:
+        """What the records show; these are told before it is known."""
+        known = None if load != self._load else self._check
+        records = load.records() if known is None else known.given
+        tell(records)
+        if known is None:
+            known = load.checked(records)
+            self._load, self._check, self._fits = load, known, {}
+        return known
 
     def fit(self, session: Session, send: Callable[[Message], None], *, tell: bool) -> Fit:
         """The fit of the steps that hold; what is not known of the way there is solved now."""
@@ -276,6 +296,7 @@ def _do(job: Job, memory: _Memory, send: Callable[[Message], None]) -> None:
             from piezo_opt.diagnosis import diagnose
 
             fit = memory.fit(session, send, tell=False)
+            send(judged(fit))
             send(scored(diagnose(fit, ladder=False)))
         case Kind.SEARCH:
             _search(memory.fit(session, send, tell=False), send)
@@ -294,7 +315,7 @@ def _look(memory: _Memory, load: Load, send: Callable[[Message], None]) -> None:
     first = load.sources[0].path if load.sources else ""
     small = os.path.exists(first) and os.path.getsize(first) < _SMALL
     try:
-        send(looked(memory.check(load)))
+        send(looked(memory.check(load, lambda records: send(read(records)))))
     except PiezoOptError:
         small = True
         raise
@@ -307,13 +328,25 @@ def _look(memory: _Memory, load: Load, send: Callable[[Message], None]) -> None:
 def _search(fit: Fit, send: Callable[[Message], None]) -> None:
     from piezo_opt.diagnosis import diagnose
 
-    found = diagnose(fit, progress=send)
+    told = fit
+
+    def better(best: Fit) -> None:
+        nonlocal told
+        if best.model != told.model or abs(best.rms - told.rms) > _VISIBLE * told.rms:
+            told = best
+            send(Ahead(_adopted(best), fitted(best, ())))
+
+    found = diagnose(fit, progress=send, better=better)
     final = found.final
     same = final.model == fit.model and final.question.free == fit.question.free
-    edit = None if same else Adopt(final.model, final.question.free, dict(final.values))
+    edit = None if same else _adopted(final)
     if found.experiments:
         send(planned(found.experiments, found.invisible))
     send(Found(edit, (found.headline, *found.structure.clues, *found.advice)))
+
+
+def _adopted(fit: Fit) -> Adopt:
+    return Adopt(fit.model, fit.question.free, dict(fit.values))
 
 
 def _next(fit: Fit, send: Callable[[Message], None]) -> None:

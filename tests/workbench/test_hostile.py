@@ -139,7 +139,7 @@ def test_a_worker_and_a_server_that_are_killed_lose_nothing(record: Path, tmp_pa
             (server,) = children(os.getpid(), "workbench")
             page.click("#find")
             page.wait_for_selector("body[data-busy='search']")
-            for worker in children(server, "spawn_main"):
+            for worker in children(server, "workbench"):
                 os.kill(worker, signal.SIGKILL)
             page.wait_for_selector("#problem:not([hidden])")
             assert "has died (-9); nothing is lost" in page.locator("#problem").inner_text()

@@ -3,6 +3,11 @@
 
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
+function letters(size) {
+  // Wide screens have larger letters, in pictures as in words.
+  return `${(size * parseFloat(getComputedStyle(document.documentElement).fontSize)) / 14}px system-ui`;
+}
+
 function digits(x, n = 4) {
   if (x !== 0 && (Math.abs(x) < 1e-3 || Math.abs(x) >= 1e6)) return Number(x.toPrecision(n)).toExponential();
   return Number(x.toPrecision(n)).toString();
@@ -24,7 +29,7 @@ function ticks(low, high) {
 function axis(told, about) {
   const numbers = (u, all) => all.map((v) => (v === null ? "" : digits(v)));
   return {
-    label: told.label, stroke: css("ink"), labelSize: 18, labelFont: "12px system-ui", font: "11px system-ui",
+    label: told.label, stroke: css("ink"), labelSize: 18, labelFont: letters(12), font: letters(11),
     grid: { stroke: css("line"), width: 1 }, ticks: { stroke: css("line"), width: 1 }, values: numbers,
     ...(told.logarithmic ? { splits: (u, index, low, high) => ticks(low, high), filter: (u, all) => all } : {}), ...about,
   };
@@ -57,7 +62,7 @@ function marked(u, panel) {
   const [height, says] = panel.level;
   across(u, height, [6 * devicePixelRatio, 4 * devicePixelRatio]);
   u.ctx.save();
-  u.ctx.fillStyle = css("quiet"); u.ctx.textAlign = "left"; u.ctx.textBaseline = "alphabetic"; u.ctx.font = `${11 * devicePixelRatio}px system-ui`;
+  u.ctx.fillStyle = css("quiet"); u.ctx.textAlign = "left"; u.ctx.textBaseline = "alphabetic"; u.ctx.font = letters(11 * devicePixelRatio);
   u.ctx.fillText(says, u.bbox.left + 4 * devicePixelRatio, u.valToPos(height, "y", true) - 4 * devicePixelRatio);
   u.ctx.restore();
 }
@@ -128,12 +133,12 @@ function drawn(where, panel, about = {}) {
       facets: [{ scale: "x", auto: true }, { scale: "y", auto: true }], paths: path(t, k + 1) }))], bands: [] };
   const high = (height || where.clientHeight) - (named ? 26 : 4);
   // A label that is longer than its axis is written smaller.
-  const letters = Math.max(9, Math.min(12, (1.75 * (high - 50)) / panel.up.label.length));
+  const size = Math.max(9, Math.min(12, (1.75 * (high - 50)) / panel.up.label.length));
   const plot = new uPlot({
     mode: shared ? 1 : 2,
     width: where.clientWidth, height: high, padding: [8, 12, 0, 0],
     scales: { x: { time: false, distr: panel.across.logarithmic ? 3 : 1, ...x }, y: { distr: panel.up.logarithmic ? 3 : 1, ...y } },
-    axes: [axis(panel.across, { size: 34, ...(about.across || {}) }), axis(panel.up, { size: 58, space: 24, labelFont: `${letters}px system-ui` })],
+    axes: [axis(panel.across, { size: 34, ...(about.across || {}) }), axis(panel.up, { size: 58, space: 24, labelFont: letters(size) })],
     series, bands,
     legend: { show: named, live: shared },
     cursor: shared ? { sync: sync ? { key: sync } : undefined, drag: { x: !!onSelect, y: false, setScale: false },

@@ -215,7 +215,7 @@ function drawError() {
 
 async function place() {
   // Where the residual lives: asked for again whenever another fit or record is shown.
-  $("place-part").hidden = !state || !state.fit;
+  $("place-part").hidden = !state || !state.where;
   if ($("place-part").hidden) return;
   const told = await ask("place?" + new URLSearchParams({ record, by: $("by").value }));
   if (!told) return;
@@ -225,7 +225,7 @@ async function place() {
 }
 
 function drawPlace() {
-  $("place-part").hidden = !state || !state.fit;
+  $("place-part").hidden = !state || !state.where;
   if ($("place-part").hidden || !placed) return;
   const where = $("place"), count = placed.panels.length;
   if (plots.place) plots.place.destroy();
@@ -306,12 +306,14 @@ function readAs() {
   // What was guessed is corrected here, not in the file.
   const said = state.load.sources[0].said;
   const fields = [["time", "column, '1 [s]'"], ["drive", "column, 'u [V]'"], ["position", "column, 'y [um]'"],
-    ["rate", "'1 kHz'"], ["period", "'0.2 s'"], ["startup", "'40 ms'"], ["gain", "of the amplifier"], ["scale", "'2.5 um/V'"]];
+    ["rate", "'1 kHz'"], ["between", "as the file says", "linear", "held", "bandlimited"], ["period", "'0.2 s'"], ["startup", "'40 ms'"],
+    ["trim", "'2 s:8 s'"], ["gain", "of the amplifier"], ["scale", "'2.5 um/V'"], ["decimal", "as the numbers show", ".", ","], ["record", "its name, or its number"]];
   const units = { time: ["s", "ms", "us"], drive: ["V", "mV", "kV"], position: ["um", "nm", "mm", "m"] };
   const choices = (name) => el("datalist", { id: `choices-${name}` }, ...state.headers.flatMap((h) =>
     (h.endsWith("]") ? [h] : units[name].map((u) => `${h} [${u}]`)).map((value) => el("option", { value }))));
-  const inputs = fields.map(([name, hint]) => el("input", { value: said[name] || "", placeholder: hint, "aria-label": name, name,
-    ...(units[name] ? { list: `choices-${name}` } : {}) }));
+  const inputs = fields.map(([name, hint, ...words]) => (words.length ? el("select", { "aria-label": name, name },
+    ...[["", hint], ...words.map((w) => [w, w])].map(([value, text]) => el("option", { value, selected: value === (said[name] || "") }, text))) : el("input", { value: said[name] || "", placeholder: hint, "aria-label": name, name,
+    ...(units[name] ? { list: `choices-${name}` } : {}) })));
   const read = () => post({ do: "load", load: { ...state.load, accept: [], mend: [],
     sources: state.load.sources.map((s) => ({ ...s, said: Object.fromEntries(inputs.map((i) => [i.name, i.value.trim()]).filter(([, v]) => v)) })) } });
   return el("details", { open: !state.records }, el("summary", {}, "Read it otherwise"),
@@ -365,7 +367,7 @@ function rightPart() {
   $("told").hidden = $("away").hidden = !fit;
   const items = (sentences) => sentences.map((s) => el("li", {}, said(s)));
   if (fit) {
-    fill($("sentences"), ...items([fit.sentence, ...fit.sentences]));
+    fill($("sentences"), ...items([fit.sentence, ...(state.where || [])]));
     fill($("more"), ...items([...fit.blind, ...fit.remarks]));
   }
   const scores = state.scores;
@@ -445,10 +447,11 @@ function render(next) {
   if (suspect && !names.includes(suspect)) suspect = "";
   recordsPart(); modelPart(); rightPart(); status();
   // Curves are asked for again where they may be others, not with every word that is told.
-  const curves = JSON.stringify([next.version, next.shown, !!next.records, !!next.scores]);
+  const signals = next.records && next.records.records.map((r) => [r.name, r.samples, r["not counted"], r.remarks.length]);
+  const curves = JSON.stringify([next.version, next.shown, signals, !!next.scores]);
   if (!next.records) { view = placed = null; build(); } else if (curves !== known) look(); else drawError();
   known = curves;
-  if (!before || before.shown !== next.shown || !before.fit !== !next.fit) place();
+  if (!before || before.shown !== next.shown || !before.where !== !next.where) place();
 }
 
 // ---------------------------------------------------------------- listening and clicking
