@@ -102,6 +102,15 @@ def test_a_fit_loads_no_more_than_it_asks(tmp_path: Path) -> None:
     assert loaded_by(statement, asked=HEAVY) == []
 
 
+def test_the_workbench_has_an_address_before_numpy_is_loaded() -> None:
+    """A browser takes its time to begin: it shall do so while the rest is loaded."""
+    statement = "from piezo_opt.cli.workbench import workbench"
+    statement += "\nfrom piezo_opt.workbench.load import Load, Source"
+    statement += "\nfrom piezo_opt.workbench.serve import serve"
+    statement += "\nfrom piezo_opt.workbench.session import Session"
+    assert loaded_by(statement, asked=("numpy", "uvicorn", "starlette", *HEAVY)) == []
+
+
 def test_the_front_door_says_where_each_name_lives() -> None:
     """What the type checker reads, what is public and what is loaded on demand are one list."""
     source = ast.parse((ROOT / "piezo_opt" / "__init__.py").read_text())
