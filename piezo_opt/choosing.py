@@ -68,6 +68,6 @@ def _shown(value: object) -> str:
 def is_number(value: Any) -> bool:
     """Whether something is one finite real number."""
     try:
-        return not isinstance(value, complex) and math.isfinite(float(value))
+        return not isinstance(value, bool | complex | str) and math.isfinite(float(value))
     except (TypeError, ValueError, OverflowError):
         return False

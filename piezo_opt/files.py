@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from piezo_opt.choosing import expected
 from piezo_opt.errors import InputError
 
 LARGEST_FILE = 2 * 1024**3
@@ -20,6 +21,7 @@ MOST_ROWS = 50_000_000
 
 def checked(path: str | os.PathLike[str], *, largest: int | None = LARGEST_FILE) -> Path:
     """The path of an existing, readable, ordinary file of bearable size; else `InputError`."""
+    expected((str, os.PathLike), path, "The file", "its path")
     file = Path(path)
     try:
         if not file.exists():
@@ -62,6 +64,7 @@ def target_of(path: str | os.PathLike[str]) -> Path:
         InputError: it is a folder, a device, a pipe or a socket, its name is too long, or there is
             no folder to write it into.
     """
+    expected((str, os.PathLike), path, "The file to write", "its path")
     asked = Path(path)
     try:
         target = Path(os.path.realpath(asked, strict=False))
@@ -100,6 +103,9 @@ def replacing(path: str | os.PathLike[str], *, overwrite: bool) -> Iterator[Path
     may not be overwritten, is none, or cannot be written.
     """
     target = target_of(path)
+    # Any text is true, "no" as well, and would replace a file.
+    if not isinstance(overwrite, bool):
+        raise InputError(f"overwrite is {overwrite!r}: give True or False.")
     exists = f"{path}: exists already: choose another name or pass overwrite=True"
     if target.exists() and not overwrite:
         raise InputError(exists)

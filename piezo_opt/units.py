@@ -163,7 +163,7 @@ def quantity(value: str | float, unit: str) -> float:
         if not math.isfinite(number):
             raise InputError(f"{number} is not a number in {unit}: give a finite value")
         return number
-    example = f"write for example '20 {unit}'"
+    example = f"write for example '{'20' if unit == '1' else f'20 {unit}'}'"
     match = _NUMBER.fullmatch(value)
     if match is None:
         raise InputError(f"{value!r} does not start with a number: {example}")
@@ -177,7 +177,8 @@ def quantity(value: str | float, unit: str) -> float:
         raise InputError(f"{value!r} has no unit: {example}")
     source = _parse(written or "1")
     if source.dimensionality != target.dimensionality:
-        raise InputError(f"{value!r} is not a quantity in {unit}: {example}")
+        kind = "a plain number" if unit == "1" else f"a quantity in {unit}"
+        raise InputError(f"{value!r} is not {kind}: {example}")
     try:
         converted = float(_registry().Quantity(number, source).to(target).magnitude)
     except pint.PintError as error:

@@ -22,6 +22,11 @@ class Campaign:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "records", tuple(self.records))
+        for record in self.records:
+            if not isinstance(record, Measurement):
+                raise InputError(
+                    f"{record!r} is no record: give what piezo_opt.read returns, or several of it."
+                )
         if not self.records:
             raise InputError("a campaign needs at least one record")
         seen: set[str] = set()

@@ -14,6 +14,10 @@ from piezo_opt.units import show, to_si
 FEWEST_SAMPLES = 8
 """A record shorter than this determines nothing."""
 
+DROWNED = 1e-12
+"""Share of the largest instant that a step must have: doubles have sixteen digits, and a step wants
+four of them."""
+
 _COMMON_UNITS = frozenset({"V", "m", "N", "A", "K", "C", "1"})
 
 
@@ -60,7 +64,7 @@ def check_signals(record: str, signals: Mapping[str, FloatArray]) -> None:
             raise InputError(f"{record}: {name} reaches {largest:g}: check its unit")
         if 0.0 < largest < 1e-100:
             raise InputError(f"{record}: {name} stays below {largest:g}: check its unit")
-    if float(np.min(np.diff(time))) < 1e-12 * float(np.max(np.abs(time))):
+    if float(np.min(np.diff(time))) < DROWNED * float(np.max(np.abs(time))):
         raise InputError(
             f"{record}: the steps of time drown in its offset of {time[0]:g} s: "
             "let the clock start near zero, or read it with its rate, rate='1 kHz'"

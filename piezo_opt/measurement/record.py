@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -10,7 +10,7 @@ from typing import Any, final
 
 import numpy as np
 
-from piezo_opt.choosing import chosen
+from piezo_opt.choosing import chosen, expected
 from piezo_opt.errors import InputError
 from piezo_opt.measurement.arrays import BoolArray, FloatArray, frozen, kept_mask
 from piezo_opt.measurement.between import Between
@@ -80,6 +80,7 @@ class Measurement:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        self._check_words()
         signals = {
             "time": frozen(self.time, "time", self.name),
             "drive": frozen(self.drive, "drive", self.name),
@@ -102,14 +103,12 @@ class Measurement:
         units = {name: str(self.channel_units.get(name, "1")) for name in channels}
         object.__setattr__(self, "channel_units", MappingProxyType(units))
         object.__setattr__(self, "between", chosen(Between, self.between, f"{self.name}: between"))
-        for what in ("period", "startup"):
-            if isinstance(getattr(self, what), str):
-                object.__setattr__(self, what, quantity(getattr(self, what), "s"))
+        if self.period is not None:
+            object.__setattr__(self, "period", self._seconds("period"))
+        object.__setattr__(self, "startup", self._seconds("startup"))
         check_signals(self.name, {**signals, **channels})
         left_out = kept_mask(self.left_out, signals["time"].size, self.name)
         object.__setattr__(self, "left_out", left_out)
-        notes = (self.notes,) if isinstance(self.notes, str) else tuple(self.notes)
-        object.__setattr__(self, "notes", notes)
         for unit in (self.drive_unit, self.position_unit, *units.values()):
             check_unit(self.name, unit)
         check_startup(self.name, self.clock, self.startup)
@@ -119,6 +118,28 @@ class Measurement:
             check_period(self.name, self.clock, self.drive, self.period)
         if not self.allow_saturated:
             check_saturation(self.name, self.time, self.drive, self.position, self.position_unit)
+
+    def _check_words(self) -> None:
+        """Refuse names, sources and notes that are no text, and an answer that is not yes or no."""
+        for what in ("name", "source"):
+            expected(str, getattr(self, what), what, "a text")
+        expected((bool, np.bool_), self.allow_saturated, "allow_saturated", "True or False")
+        given: object = (self.notes,) if isinstance(self.notes, str) else self.notes
+        expected(Iterable, given, "notes", "a tuple of sentences")
+        notes = tuple(self.notes) if given is self.notes else (str(self.notes),)
+        for note in notes:
+            expected(str, note, "A note", "a sentence")
+        object.__setattr__(self, "notes", notes)
+
+    def _seconds(self, what: str) -> float:
+        """A time [s] that is given as a number or as a quantity; the record checks what it says."""
+        value = getattr(self, what)
+        if isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool)):
+            return float(value)
+        try:
+            return quantity(value, "s")
+        except InputError as error:
+            raise InputError(f"{self.name}: {what}: {error}") from error
 
     def __reduce__(self) -> tuple[Callable[..., Measurement], tuple[dict[str, Any]]]:
         # A mapping proxy cannot be pickled, and records travel to worker processes.

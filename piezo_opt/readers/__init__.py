@@ -104,7 +104,7 @@ def read(
         return _adjusted(file, _one_of(file, stored, record), wanted)
     table = table_of(file, wanted)
     if record is None:
-        return measurement_from(table, file.stem, wanted)
+        return measurement_from(table, _stem(file), wanted)
     parts = runs(table, wanted)
     if len(parts) == 1:
         raise InputError(f"{file}: holds one record, so record={record!r} means nothing: drop it")
@@ -113,7 +113,7 @@ def read(
             f"{file}: holds {len(parts)} records, numbered from 1, and none of them is {record!r}; "
             "take all of them with read_campaign"
         )
-    return measurement_from(parts[int(record) - 1], f"{file.stem} {record}", wanted)
+    return measurement_from(parts[int(record) - 1], f"{_stem(file)} {record}", wanted)
 
 
 def read_campaign(
@@ -144,12 +144,13 @@ def read_campaign(
         time, drive, position, between, period, startup, False,
         rate, trim, every, gain, scale, decimal,
     )  # fmt: skip
-    file = Path(path)
+    file = _path(path)
     stored = _stored(file)
     if stored is not None:
         return Campaign(tuple(_adjusted(file, one, wanted) for one in stored))
     parts = runs(table_of(file, wanted), wanted)
-    names = [file.stem if len(parts) == 1 else f"{file.stem} {k + 1}" for k in range(len(parts))]
+    stem = _stem(file)
+    names = [stem if len(parts) == 1 else f"{stem} {k + 1}" for k in range(len(parts))]
     return Campaign(
         tuple(measurement_from(part, name, wanted) for part, name in zip(parts, names, strict=True))
     )
@@ -169,7 +170,7 @@ def read_drive(
         InputError: one sentence with file, row or column, and what to do.
     """
     wanted = Wanted(time=time, drive=drive, between=between, rate=rate)
-    file = Path(path)
+    file = _path(path)
     stored = _stored(file)
     if stored is not None:
         one = _adjusted(file, _one_of(file, stored, None), wanted)
@@ -186,7 +187,7 @@ def headers(path: str | os.PathLike[str]) -> tuple[str, ...]:
     Raises:
         InputError: the file cannot be read.
     """
-    file = Path(path)
+    file = _path(path)
     if _stored(file) is not None:
         return ()
     try:
@@ -207,7 +208,7 @@ def write(
     The file appears whole or not at all. Raises `InputError` when it exists and ``overwrite`` is
     not given, when it cannot be written, or for another suffix.
     """
-    file = Path(path)
+    file = _path(path)
     suffix = file.suffix.lower()
     if suffix in HOLD_SEVERAL:
         from piezo_opt.readers.hdf5 import write_hdf5
@@ -222,11 +223,22 @@ def write(
     write_csv(campaign.records[0], file, overwrite=overwrite)
 
 
+def _path(given: str | os.PathLike[str]) -> Path:
+    expected((str, os.PathLike), given, "The file", "its path")
+    return Path(given)
+
+
+def _stem(file: Path) -> str:
+    """The name of a record that its file does not name; a line break in it is a blank."""
+    return " ".join(file.stem.splitlines())
+
+
 def _suffix(file: Path) -> str:
     suffix = file.suffix.lower()
     if suffix not in _KNOWN and not file.is_dir():
         raise InputError(
-            f"{file}: nothing reads {suffix or 'a file without suffix'}: use {', '.join(_KNOWN)}"
+            f"{file}: nothing reads {suffix or 'a file without suffix'}: save it as CSV, or as one "
+            f"of {', '.join(_KNOWN)}"
         )
     return suffix
 

@@ -21,7 +21,8 @@ class Column:
     """One column of a file: its name, its unit when the file says one, and its numbers.
 
     A column of text or without cells has no numbers; it keeps its place, and ``sample`` is one of
-    its cells. ``missing`` marks the samples that the file itself says were not taken.
+    its cells; ``sparse`` is one of empty cells with numbers among them. ``missing`` marks the
+    samples that the file itself says were not taken.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Column:
     values: FloatArray
     missing: BoolArray | None = None
     sample: str = ""
+    sparse: bool = False
 
     @property
     def header(self) -> str:
@@ -61,7 +63,10 @@ class Table:
         """What there is to choose from, as the end of a sentence, at most a dozen columns."""
         shown = [repr(column.header) for column in self.columns if column.values.size]
         others = [
-            f"{column.header!r} holds no numbers"
+            f"{column.header!r} has empty cells: fill them, or save what was sampled more slowly "
+            "as a file of its own"
+            if column.sparse
+            else f"{column.header!r} holds no numbers"
             + (f" ({column.sample[:40]!r})" if column.sample else "")
             for column in self.columns
             if column.name and not column.values.size
@@ -137,6 +142,9 @@ def choose(
         return fitting[0]
     if len(liked) == 1:
         return liked[0]
+    # Oscilloscopes write the clock beside every channel.
+    if fitting and role is TIME and all(same_clock(fitting[0][1], one) for _, one in fitting):
+        return fitting[0]
     if fitting:
         headers = [column.header for _, column in fitting]
         # Columns of one name are told apart by their numbers.
@@ -165,6 +173,11 @@ def choose(
         f"{table.file}: no column is the {role.word}: {table.listing()}; name "
         f"one like {role.example!r} or choose with {role.word}='...'{rate}"
     )
+
+
+def same_clock(one: Column, other: Column) -> bool:
+    """Whether two columns hold the same instants in the same unit."""
+    return one.unit == other.unit and np.array_equal(one.values, other.values)
 
 
 def _without_unit(table: Table) -> str:

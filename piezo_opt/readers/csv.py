@@ -25,11 +25,15 @@ import numpy as np
 from piezo_opt.errors import InputError
 from piezo_opt.files import MOST_ROWS, checked, refuse_rows
 from piezo_opt.measurement import Between, FloatArray
+from piezo_opt.readers.cleaning import cleaned
 from piezo_opt.readers.columns import Column, Table
-from piezo_opt.readers.instants import dated, is_instant, seconds_reader, since_first
+from piezo_opt.readers.dialect import USED
+from piezo_opt.readers.instants import dated, seconds_reader, since_first
 from piezo_opt.readers.layout import Layout, Line, layout_of
 from piezo_opt.readers.preamble import steps_of
+from piezo_opt.readers.quantities import si_reader, unit_in
 from piezo_opt.readers.text import encoding_of
+from piezo_opt.units import same_dimension, si_unit
 
 SIGNATURE: Final = "# piezo_opt record"
 WRITTEN: Final = ("time", "drive", "position")
@@ -38,6 +42,12 @@ _HEAD = 2000
 """Lines that the layout is concluded from."""
 _FOLDED = 8
 """Lines that a cell in quotation marks may go on in."""
+_KINDS: Final = {
+    "n": "a number",
+    "c": "a time",
+    "q": "a number with a unit of the same kind as above",
+}
+"""What the cells of a column are."""
 
 
 def table_from_csv(
@@ -77,7 +87,7 @@ def _table(
     names = [name for name, _ in layout.columns]
     comments = [line.text for line in head if line.comment and line.number <= layout.head.row + 1]
     rows = _numbers(file, layout, encoding)
-    columns, left_out = _columns(layout, rows)
+    columns, left_out = _columns(str(file), layout, rows)
     return Table(
         file=str(file),
         columns=columns,
@@ -91,7 +101,7 @@ def _table(
 def _whole(lines: Iterable[str]) -> Iterator[Line]:
     """Lines that are not empty; a cell in quotation marks may go on in the next ones."""
     open_, begun = "", 0
-    for number, text in enumerate(lines, start=1):
+    for number, text in enumerate(map(cleaned, lines), start=1):
         joined = f"{open_} {text.strip()}" if open_ else text.strip()
         inside = joined.count('"') % 2 == 1 and joined.startswith('"')
         if inside and (not open_ or number - begun < _FOLDED):
@@ -104,7 +114,7 @@ def _whole(lines: Iterable[str]) -> Iterator[Line]:
 
 
 def _numbers(file: Path, layout: Layout, encoding: str) -> FloatArray:
-    """(rows, used columns) of numbers; clocks are seconds."""
+    """(rows, used columns) of numbers; clocks are seconds, quantities in SI."""
     plain = set(layout.pattern) == {"n"} and not layout.dialect.quoted and not layout.thousands
     if plain and layout.dialect.decimal == "." and len(layout.columns) == len(layout.pattern):
         rows = _fast(file, layout, encoding)
@@ -149,19 +159,21 @@ def _parsed(source: str | Iterable[str], **how: Any) -> FloatArray:
 
 def _careful(file: Path, layout: Layout, lines: Iterable[str], encoding: str) -> FloatArray:
     """The rows of any table, line by line; `InputError` names the first one that is none."""
-    used = [k for k, kind in enumerate(layout.pattern) if kind in "nc"]
+    used = [k for k, kind in enumerate(layout.pattern) if kind in USED]
     wrong = len(layout.columns) < used[-1] + 1
     if wrong or _names_without_cells(layout):
         raise InputError(_first_bad_row(file, layout, encoding, None))
-    clocks: dict[int | str, Callable[[str], float]] = {
-        k: seconds_reader() for k in used if layout.pattern[k] == "c"
+    spelled: dict[int | str, Callable[[str], float]] = {
+        k: seconds_reader() if layout.pattern[k] == "c" else si_reader()
+        for k in used
+        if layout.pattern[k] != "n"
     }
     try:
         rows = _parsed(
             _prepared(lines, layout),
             delimiter="\t" if layout.dialect.quoted else layout.dialect.separator,
             usecols=None if len(used) == len(layout.pattern) else used,
-            converters=clocks or None,
+            converters=spelled or None,
             max_rows=_most_rows(file, layout),
         )
     except UnicodeDecodeError:
@@ -181,6 +193,7 @@ def _names_without_cells(layout: Layout) -> bool:
 
 def _uncommented(line: str) -> str:
     """A line without its comment, which begins it or stands behind a blank: 1.#INF is a cell."""
+    line = cleaned(line)
     return line if "#" not in line else _COMMENT.sub("", line)
 
 
@@ -211,8 +224,8 @@ def _prepared(lines: Iterable[str], layout: Layout) -> Iterator[str]:
         yield text
 
 
-def _columns(layout: Layout, rows: FloatArray) -> tuple[tuple[Column, ...], list[str]]:
-    """The columns with numbers, and sentences about clocks and about those left out."""
+def _columns(file: str, layout: Layout, rows: FloatArray) -> tuple[tuple[Column, ...], list[str]]:
+    """The columns with numbers, and sentences about what was made of them or left out."""
     columns: list[Column] = []
     said: list[str] = []
     used = 0
@@ -220,8 +233,10 @@ def _columns(layout: Layout, rows: FloatArray) -> tuple[tuple[Column, ...], list
         if kind in "te":
             if kind == "t":
                 said.append(f"Column {name!r} holds text and was left out.")
-            sample = layout.last[place] if place < len(layout.last) else ""
-            columns.append(Column(name, unit, np.zeros(0), sample=sample))
+            sample = layout.samples[place]
+            columns.append(
+                Column(name, unit, np.zeros(0), sample=sample, sparse=kind == "e" and bool(sample))
+            )
             continue
         values = np.ascontiguousarray(rows[:, used])
         used += 1
@@ -229,8 +244,25 @@ def _columns(layout: Layout, rows: FloatArray) -> tuple[tuple[Column, ...], list
             values = since_first(values, with_dates=_dated(layout, name))
             unit = "s"
             said.append(f"Column {name!r} holds clock times; they are counted from the first.")
+        elif kind == "q":
+            unit = _unit_of_cells(file, layout, place)
+            said.append(f"The cells of column {name!r} carry their units; it was read in {unit}.")
         columns.append(Column(name, unit, values))
     return tuple(columns), said
+
+
+def _unit_of_cells(file: str, layout: Layout, place: int) -> str:
+    """The SI unit of the cells in a column; `InputError` where its header says another kind."""
+    header, head = layout.columns[place]
+    cell = layout.first[place]
+    unit = unit_in(cell, layout.dialect.decimal)
+    assert unit is not None
+    if head is not None and not same_dimension(head, unit):
+        raise InputError(
+            f"{file}: column {header!r} is headed [{head}], and its cells are written in another "
+            f"kind of unit ({cell!r}): correct one of them"
+        )
+    return si_unit(unit)
 
 
 def _dated(layout: Layout, name: str) -> bool:
@@ -251,23 +283,36 @@ def _first_bad_row(file: Path, layout: Layout, encoding: str, error: Exception |
     """The sentence about the first row that is not one number for each column."""
     dialect, width = layout.dialect, len(layout.columns)
     headers = [name if unit is None else f"{name} [{unit}]" for name, unit in layout.columns]
+    measured: dict[str, str] = {}
+    instants: dict[str, Callable[[str], float]] = {}
     for number, text in _data_rows(file, layout, encoding):
         cells = dialect.cells(text)
         if len(cells) != width and not (
             width < len(cells) == len(layout.pattern) and not any(cells[width:])
         ):
-            hint = (
-                "write decimals with a point and separate columns with one sign"
-                if dialect.separator == ","
-                else "complete or remove the row"
-            )
-            return f"{file}: row {number} has {len(cells)} cells but the header has {width}: {hint}"
+            hint = "complete or remove the row"
+            if len(cells) == len(layout.pattern):
+                hint = "give every column one name in the header"
+            elif not set(dialect.pattern(cells)) & set(USED):
+                hint = "it is no row of numbers: remove it"
+            elif dialect.separator == ",":
+                hint = "write decimals with a point and separate columns with one sign"
+            many = f"{len(cells)} cell{'' if len(cells) == 1 else 's'}"
+            return f"{file}: row {number} has {many} but the header has {width}: {hint}"
         for header, cell, kind in zip(headers, cells, layout.pattern, strict=False):
             if kind in "te" or (kind == "n" and dialect.number(cell)):
                 continue
-            if kind == "c" and is_instant(cell):
+            if kind == "c" and _is_time(cell, instants.setdefault(header, seconds_reader())):
                 continue
-            what = f"{cell[:40]!r} is not a {'number' if kind == 'n' else 'time'}"
+            unit = unit_in(cell, dialect.decimal) if kind == "q" else None
+            if unit is not None and si_unit(unit) == measured.setdefault(header, si_unit(unit)):
+                continue
+            if cell in (header, header.partition(" [")[0]):
+                return (
+                    f"{file}: row {number} is a header again: remove it, or save every table as a "
+                    "file of its own"
+                )
+            what = f"{cell[:40]!r} is not {_KINDS[kind]}"
             if not cell:
                 what = "is empty"
             other = "," if dialect.decimal == "." else "."
@@ -279,6 +324,14 @@ def _first_bad_row(file: Path, layout: Layout, encoding: str, error: Exception |
             )
             return f"{file}: row {number}, column {header!r}: {what}: {remedy}"
     return f"{file}: is not a table of numbers: {error}: export it again as CSV"
+
+
+def _is_time(cell: str, seconds: Callable[[str], float]) -> bool:
+    try:
+        seconds(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _row_namer(file: Path, layout: Layout, encoding: str) -> Callable[[int], str]:

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from typing import Final, final
 
 from piezo_opt.readers.instants import is_instant
+from piezo_opt.readers.quantities import unit_in
 
-_BLANK_SEPARATED = re.compile(r"[^\s\[\]()]*\s*[\[(][^\[\]()]*[\])]|\S+")
+_BLANK_SEPARATED = re.compile(r"\"[^\"]*\"|[^\s\[\]()]*\s*[\[(][^\[\]()]*[\])]|\S+")
 _NUMBER = {
     ".": re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.I),
     ",": re.compile(r"[+-]?(?:\d+(?:,\d+)?|,\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.I),
@@ -52,11 +53,21 @@ class Dialect:
         return _NUMBER[self.decimal].fullmatch(cell) is not None
 
     def pattern(self, cells: Sequence[str]) -> str:
-        """A letter for each cell: n(umber), c(lock), e(mpty), t(ext)."""
-        return "".join(
-            "e" if not c else "n" if self.number(c) else "c" if is_instant(c) else "t"
-            for c in cells
-        )
+        """A letter for each cell: n(umber), c(lock), q(uantity with unit), e(mpty), t(ext)."""
+        return "".join(map(self._kind, cells))
+
+    def _kind(self, cell: str) -> str:
+        if not cell:
+            return "e"
+        if self.number(cell):
+            return "n"
+        if is_instant(cell):
+            return "c"
+        return "t" if unit_in(cell, self.decimal) is None else "q"
+
+
+USED: Final = "ncq"
+"""Kinds of cells that are numbers, or become them."""
 
 
 _TRIED: Final[tuple[tuple[str | None, str], ...]] = (
@@ -82,7 +93,7 @@ def dialect_of(texts: Sequence[str], *, decimal: str | None) -> tuple[Dialect, s
         tried = Dialect(separator, sign, quoted, decimal == ".")
         counted = Counter(tried.pattern(tried.cells(text)) for text in texts)
         pattern, times = counted.most_common(1)[0]
-        useful = pattern.count("n") + pattern.count("c")
+        useful = sum(map(pattern.count, USED))
         merit = (min(useful, 2), (useful - pattern.count("t")) * times / len(texts))
         if useful and (best is None or merit > best[0]):
             best = (merit, tried, pattern)

@@ -80,7 +80,9 @@ def table_from_hdf5(path: str | os.PathLike[str]) -> Table:
     with opened(file) as content:
 
         def visit(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset) and 0 < len(item.shape or ()) <= 2:
+            if isinstance(item, h5py.Dataset) and item.size == 1 and item.dtype.kind in "fiu":
+                told.append((name.rpartition("/")[2], repr(float(np.asarray(item[()]).item()))))
+            elif isinstance(item, h5py.Dataset) and 0 < len(item.shape or ()) <= 2:
                 attributes = dict(item.attrs)
                 told.extend(_clock_words(attributes))
                 for own, values in _signals(file, name, item):

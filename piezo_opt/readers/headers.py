@@ -1,6 +1,6 @@
 """Names and units as people write them above a column.
 
-    voltage [V]    Voltage (V)    voltage / V    voltage, V    voltage_V
+    voltage [V]   Voltage (V)   voltage {V}   [V] voltage   voltage / V   voltage, V   voltage_V
 
 and a row of units alone: ``s,V,um``, ``[s];[V]``, ``(ms),(V)``, ``Second,Volt``.
 """
@@ -15,7 +15,8 @@ from piezo_opt.errors import InputError
 from piezo_opt.units import si_unit
 
 _BRACKETS = re.compile(r"\s*([^\[\]]*?)\s*\[([^\[\]]*)\]\s*")
-_PARENTHESES = re.compile(r"\s*(.*?)\s*\(([^()]*)\)\s*")
+_BEFORE = re.compile(r"\[([^\[\]]*)\]\s*([^\[\]]*\S)\s*")
+_PARENTHESES = re.compile(r"\s*(.*?)\s*(?:\(([^()]*)\)|\{([^{}]*)\}|<([^<>]*)>)\s*")
 _TAIL = re.compile(r"\s*(.*\S)\s*(?:/|,)\s*(\S+)\s*")
 _UNDERSCORE = re.compile(r"\s*(.*[^\W_])_([^\W_]+)\s*")
 _WORDS: Final = {
@@ -52,18 +53,21 @@ def header_cell(file: str, cell: str) -> tuple[str, str | None]:
 
     Raises `InputError` for a unit in square brackets that is none: they hold nothing else.
     """
-    text = cell.strip().strip('"').strip()
+    text = cell.strip().strip("\"'").strip()
     if match := _BRACKETS.fullmatch(text):
         return match[1], known_unit(file, text, match[2].strip())
+    if match := _BEFORE.fullmatch(text):
+        return match[2], known_unit(file, text, match[1].strip())
     if match := _PARENTHESES.fullmatch(text):
+        inside = next(part for part in match.groups()[1:] if part is not None)
         # A number in parentheses counts channels.
-        unit = None if match[2].strip().isdecimal() else unit_word(match[2])
+        unit = None if inside.strip().isdecimal() else unit_word(inside)
         return (text, None) if unit is None or not match[1] else (match[1], unit)
     if match := _TAIL.fullmatch(text):
-        if (unit := _sure(match[2])) is not None:
+        if (unit := sure_unit(match[2])) is not None:
             return match[1], unit
     elif match := _UNDERSCORE.fullmatch(text):
-        unit = _sure(match[2])
+        unit = sure_unit(match[2])
         # y_m may be y in metres or y as it was measured; displacement_m is the former.
         if unit is not None and (
             match[2] not in _SHORT or match[1].rpartition("_")[2].lower() in _LONG_NAMES
@@ -84,7 +88,7 @@ def unit_row(cells: Sequence[str]) -> list[str | None] | None:
     for cell in cells:
         text = cell.strip().strip('"').strip()
         inner = text[1:-1] if len(text) > 2 and text[0] + text[-1] in ("[]", "()") else text
-        unit = unit_word(inner) if inner != text else _sure(inner)
+        unit = unit_word(inner) if inner != text else sure_unit(inner)
         units.append(unit)
         found += unit is not None
         other += unit is None and bool(text) and not _is_plain_number(text)
@@ -117,8 +121,8 @@ def known_unit(file: str, header: str, unit: str) -> str:
     return unit
 
 
-def _sure(text: str) -> str | None:
-    """A unit that nobody takes for a name."""
+def sure_unit(text: str) -> str | None:
+    """A unit that nobody takes for a name; None for other text."""
     word = text.strip()
     return word if word in _SURE else _WORDS.get(word.lower().rstrip("."))
 

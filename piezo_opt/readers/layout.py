@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final, final
 
 from piezo_opt.errors import InputError
-from piezo_opt.readers.dialect import THOUSANDS, Dialect, dialect_of
+from piezo_opt.readers.dialect import THOUSANDS, USED, Dialect, dialect_of
 from piezo_opt.readers.headers import header_cell, unit_row
 
 HEADER_EXAMPLE: Final = "time [s],voltage [V],displacement [um]"
@@ -41,12 +41,14 @@ class Line:
 class Head:
     """The lines above the rows: cells above the names, names, units, and the last line's number.
 
-    ``units`` are those of a row of their own, which is ``below`` as it is written.
+    ``units`` are those of a row of their own, which is ``below`` as it is written, and line
+    ``unit_row`` of the file.
     """
 
     row: int
     names: tuple[str, ...] | None = None
     units: tuple[str | None, ...] | None = None
+    unit_row: int = 0
     below: tuple[str, ...] = ()
     above: tuple[tuple[str, ...], ...] = ()
 
@@ -61,8 +63,8 @@ class Layout:
         head: what stands above the rows.
         columns: name and unit of every column.
         first: cells of the first row.
-        last: cells of the last row that was looked at.
-        pattern: what each column holds: n(umbers), c(locks), t(ext), e(mpty).
+        samples: one cell of each column, empty where none was found that is not.
+        pattern: what each column holds: n(umbers), c(locks), q(uantities), t(ext), e(mpty).
         thousands: whether commas group digits.
         notes: what was concluded, in sentences.
     """
@@ -71,7 +73,7 @@ class Layout:
     head: Head
     columns: tuple[tuple[str, str | None], ...]
     first: tuple[str, ...]
-    last: tuple[str, ...]
+    samples: tuple[str, ...]
     pattern: str
     thousands: bool
     notes: tuple[str, ...]
@@ -110,16 +112,25 @@ def layout_of(
             f"{file}: row {plain[start].number} has numbers where the header should be: add a "
             f"first line such as '{HEADER_EXAMPLE}', or say which column is which, {BY_NUMBER}"
         )
-    columns = _columns(file, head, len(pattern))
     first = tuple(dialect.cells(plain[start].text))
+    columns = _columns(file, head, len(pattern))
+    if len(columns) == len(pattern) - 1 and _counts(rows, dialect):
+        columns = (("", None), *columns)
     notes = _notes(head, dialect, thousands, columns)
-    last = tuple(dialect.cells(rows[-1].text))
-    return Layout(dialect, head, columns, first, last, pattern, thousands, notes)
+    samples = _samples([dialect.cells(row.text) for row in reversed(rows)], len(columns))
+    return Layout(dialect, head, columns, first, samples, pattern, thousands, notes)
+
+
+def _samples(rows: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
+    """A cell of each column that is not empty, of the first row that has one."""
+    return tuple(
+        next((row[k] for row in rows if k < len(row) and row[k]), "") for k in range(width)
+    )
 
 
 def _first_row(plain: Sequence[Line], dialect: Dialect, pattern: str) -> int:
     """Index of the first row; a line with a wrong cell or two is one, too."""
-    useful = [k for k, kind in enumerate(pattern) if kind in "nc"]
+    useful = [k for k, kind in enumerate(pattern) if kind in USED]
 
     def matches(line: Line) -> bool:
         own = dialect.pattern(dialect.cells(line.text))
@@ -159,17 +170,34 @@ def _head(
     quotes = Dialect(dialect.separator, quoted=True)
     if not above:
         return _from_comment(lines, plain[start].number, dialect, width)
-    cells = [quotes.cells(_COMMENT.sub("", line.text, count=1)) for line in above]
-    units = unit_row(cells[-1]) if len(above) > 1 and len(cells[-2]) > 1 else None
+    texts = [_COMMENT.sub("", line.text, count=1) for line in above]
+    cells = [quotes.cells(text) for text in texts]
+    # A line of dashes or of nothing sets off the rows.
+    while len(cells) > 1 and not any(cell.strip("-=_ ") for cell in cells[-1]):
+        cells.pop()
+    # Names may be separated by another sign than the numbers below them.
+    for k in range(max(0, len(cells) - 2), len(cells)):
+        cells[k] = _as_wide(texts[k], cells[k], width)
+    units = unit_row(cells[-1]) if len(cells) > 1 and len(cells[-2]) > 1 else None
     names = cells[-1] if units is None else cells[-2]
     told = tuple(tuple(one) for one in cells[: -1 if units is None else -2])
     return Head(
         row=above[-1].number,
+        unit_row=above[len(cells) - 1].number,
         names=tuple(cell.strip('"') for cell in names),
         units=None if units is None else tuple(units),
         below=() if units is None else tuple(cells[-1]),
         above=told,
     )
+
+
+def _as_wide(text: str, cells: list[str], width: int) -> list[str]:
+    """The cells of a line in the one way that gives as many as a row has; else as they are."""
+    if len(cells) >= width:
+        return cells
+    others = [Dialect(sign, quoted=True).cells(text) for sign in (",", ";", "\t", "|")]
+    fitting = [one for one in others if len(one) == width and all(one)]
+    return fitting[0] if len(fitting) == 1 else cells
 
 
 def _from_comment(lines: Sequence[Line], first: int, dialect: Dialect, width: int) -> Head:
@@ -199,6 +227,14 @@ def _columns(file: str, head: Head, width: int) -> tuple[tuple[str, str | None],
     return tuple(columns)
 
 
+def _counts(rows: Sequence[Line], dialect: Dialect) -> bool:
+    """Whether the first cells count the rows: a column that needs no name, as R leaves it out."""
+    counts = [dialect.cells(row.text)[0].strip('"') for row in rows]
+    if not all(count.isdecimal() for count in counts) or len(counts) < 2:
+        return False
+    return [int(count) - int(counts[0]) for count in counts] == list(range(len(counts)))
+
+
 def _notes(
     head: Head, dialect: Dialect, thousands: bool, columns: Sequence[tuple[str, str | None]]
 ) -> tuple[str, ...]:
@@ -212,7 +248,7 @@ def _notes(
     if head.names is None:
         notes.append("The table has no header; its columns are called by number.")
     if head.units is not None:
-        notes.append(f"The units are those of row {head.row}.")
+        notes.append(f"The units are those of row {head.unit_row}.")
     elif any(unit is not None for _, unit in columns) and not any(
         "[" in name for name in head.names or ()
     ):

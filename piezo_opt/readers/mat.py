@@ -2,17 +2,19 @@
 
 MATLAB keeps no units, so the caller says them: ``drive="u [V]"``, ``position="y [um]"``; a
 variable with an obvious name (t, time; u, v, voltage; y, x, displacement) is found without being
-named only when its unit stands in a string variable beside it, as in ``u_unit = 'V'``.
+named only when its unit stands in a string variable beside it, as in ``u_unit = 'V'``. A number
+called ``fs`` or ``dt`` is the clock where no variable is one.
 """
 
 from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import scipy
 
 from piezo_opt.errors import InputError
@@ -20,6 +22,7 @@ from piezo_opt.files import checked, refuse_rows
 from piezo_opt.readers.columns import Table
 from piezo_opt.readers.mat_structure import check_structure
 from piezo_opt.readers.mat_tree import columns_of
+from piezo_opt.readers.preamble import steps_of
 
 _OBJECTS = (
     "is an object (a timeseries, Dataset, table or other class), which only MATLAB unfolds: save "
@@ -49,8 +52,23 @@ def table_from_mat(path: str | os.PathLike[str]) -> Table:
     if objects:
         notes.append(f"{_quoted(objects)}: an object is left out, only MATLAB unfolds it.")
     return Table(
-        str(file), tuple(columns), lambda index: f"element {index + 1}", notes=tuple(notes)
+        str(file),
+        tuple(columns),
+        lambda index: f"element {index + 1}",
+        notes=tuple(notes),
+        steps=steps_of((), (), _scalars(variables)),
     )
+
+
+def _scalars(variables: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Variables that hold one number, where a rate (``fs``) or an increment (``dt``) may stand."""
+    return [
+        (name, repr(float(np.asarray(value).item())))
+        for name, value in variables.items()
+        if isinstance(value, int | float | np.number | np.ndarray)
+        and np.size(value) == 1
+        and np.asarray(value).dtype.kind in "fiu"
+    ]
 
 
 def _quoted(names: Collection[str]) -> str:

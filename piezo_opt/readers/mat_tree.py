@@ -61,6 +61,8 @@ def _value(
         unit = tree.get(f"{name}_unit")
         for own, numbers in _signals(value, path):
             yield _column(file, own, unit if isinstance(unit, str) else None, numbers), ""
+    elif isinstance(value, np.ndarray) and value.dtype.kind == "c" and value.size > 1:
+        yield Column(path, None, np.zeros(0), sample=str(value.reshape(-1)[0])), ""
 
 
 def _column(file: str, name: str, unit: str | None, values: FloatArray) -> Column:

@@ -52,21 +52,27 @@ def is_frame(given: object) -> bool:
 def table_from_frame(frame: Any) -> Table:
     """The columns of a frame; units stand in their names, ``"voltage [V]"``.
 
-    An index that is a time counts as a column when no other is one.
+    An index of times, of decimals, or with a name counts as a column.
     """
     columns: list[Column] = []
     notes: list[str] = []
     index: Any = getattr(frame, "index", None)
     kind = getattr(getattr(index, "dtype", None), "kind", "")
-    if kind in ("M", "m") or getattr(index, "name", None):
-        values = np.asarray(index)
+    if kind in ("M", "m", "f") or getattr(index, "name", None):
+        values = _array(index)
         columns += _column("frame", str(index.name or "index"), values, {}, notes)
     names = [str(name) for name in frame.columns]
     if len(set(names)) < len(names):
         raise InputError("frame: has columns of the same name: give them different names")
     for name, label in zip(names, frame.columns, strict=True):
-        columns += _column("frame", name, np.asarray(frame[label]), {}, notes)
+        columns += _column("frame", name, _array(frame[label]), {}, notes)
     return Table("frame", tuple(columns), lambda k: f"row {k}", notes=tuple(notes))
+
+
+def _array(values: Any) -> np.ndarray:
+    """The values as an array; instants of a time zone as those of UTC."""
+    zoned = getattr(getattr(values, "dtype", None), "tz", None) is not None
+    return np.asarray(values.to_numpy(dtype="datetime64[ns]") if zoned else values)
 
 
 def _column(

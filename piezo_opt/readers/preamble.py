@@ -17,7 +17,7 @@ from piezo_opt.units import same_dimension, to_si
 _INTERVAL = re.compile(
     r"(?:sampl(?:e|ing)[ _]?(?:interval|period|time)"
     r"|(?:time[ _]?)?(?:step|increment|incr|resolution)"
-    r"|x[ _]?(?:incr|increment|interval)|delta[ _]?[xt]|d[xt]|h(?:orizontal)?[ _]?resolution"
+    r"|x[ _]?(?:incr|increment|interval)|delta[ _]?[xt]|d[xt]|t_?s|h(?:orizontal)?[ _]?resolution"
     r"|abtastintervall)",
     re.I,
 )

@@ -11,6 +11,7 @@ import numpy as np
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import Between, FloatArray, Measurement
 from piezo_opt.measurement.arrays import BoolArray, IndexArray
+from piezo_opt.measurement.checks import DROWNED
 from piezo_opt.readers.columns import (
     DRIVE,
     POSITION,
@@ -20,11 +21,12 @@ from piezo_opt.readers.columns import (
     candidates,
     choose,
     in_si,
+    same_clock,
 )
 from piezo_opt.readers.drives import DriveSignal
 from piezo_opt.readers.restarts import restarts
 from piezo_opt.readers.wanted import Wanted, treated
-from piezo_opt.units import quantity, same_dimension
+from piezo_opt.units import quantity, same_dimension, show
 
 LEFT_OUT = "left out"
 """Column of a written file: 1 where a reading is none."""
@@ -72,7 +74,8 @@ def measurement_from(table: Table, name: str, wanted: Wanted) -> Measurement:
     read, position_unit = in_si(table, position)
     if place is not None and wanted.rate is None:
         _check_order(table, table.columns[place], time)
-    channels, channel_units = _channels(table, taken, time.size)
+    channels, channel_units, second = _channels(table, taken, place)
+    clock_notes = [*clock_notes, *second]
     said = table.metadata
     # A file that this package wrote says which readings are none.
     left_out = channels.pop(LEFT_OUT, np.zeros(0)) if own else np.zeros(0)
@@ -179,7 +182,19 @@ def _time(
         step = (time[-1] - time[0]) / (time.size - 1)
         note = f"The clock is even between the ends of {column.header!r}: {step:g} s a sample."
         return place, np.linspace(time[0], time[-1], time.size), [note]
+    if _drowns(time):
+        # Before it becomes seconds: whole milliseconds of an epoch lose digits there.
+        time, _ = in_si(table, replace(column, values=column.values - column.values[0]))
+        first = f"{column.values[0]:.15g}"
+        return place, time, [f"Column {column.header!r} is counted from its first value, {first}."]
     return place, time, []
+
+
+def _drowns(time: FloatArray) -> bool:
+    """Whether a clock that counts from another age has steps too small beside its numbers."""
+    steps = np.diff(time)
+    shortest = float(steps[steps > 0.0].min(initial=np.inf))
+    return bool(shortest < DROWNED * float(np.max(np.abs(time), initial=0.0)))
 
 
 def _trimmed(
@@ -208,8 +223,8 @@ def _without(
         raise InputError(f"{table.file}: marks every reading as missing: export it again")
     first = table.row(int(np.flatnonzero(gone)[0]))
     note = (
-        f"{np.count_nonzero(gone)} samples that the file marks as missing were left out, the "
-        f"first at {first}."
+        f"{np.count_nonzero(gone)} of {gone.size} samples are marked as missing in the file and "
+        f"were left out, the first at {first}."
     )
     return _rows(table, time.size, kept), time[kept], [*notes, note]
 
@@ -257,14 +272,26 @@ def _check_order(table: Table, column: Column, time: FloatArray) -> None:
 
 
 def _channels(
-    table: Table, taken: frozenset[int], length: int
-) -> tuple[dict[str, FloatArray], dict[str, str]]:
-    """The other columns with a unit, in SI; a column without one is not a signal."""
+    table: Table, taken: frozenset[int], clock: int | None
+) -> tuple[dict[str, FloatArray], dict[str, str], list[str]]:
+    """The other columns with a unit, in SI, and sentences; a column without one is no signal.
+
+    The clock again, as oscilloscopes write it beside every channel, is none either, but for a file
+    of this package; another clock is told, because what stands beside it may have been sampled by
+    it.
+    """
     channels: dict[str, FloatArray] = {}
     units: dict[str, str] = {}
+    notes: list[str] = []
+    length = max((table.columns[index].values.size for index in taken), default=0)
+    own = None if clock is None else table.columns[clock]
     for index, column in enumerate(table.columns):
         if index in taken or column.unit is None or column.values.size != length:
             continue
+        if own is not None and same_dimension(column.unit, "s"):
+            if same_clock(own, column) and not table.metadata:
+                continue
+            notes += _other_clock(table, own, column)
         if column.name in channels:
             raise InputError(
                 f"{table.file}: has two columns {column.name!r}: give them different names"
@@ -272,4 +299,16 @@ def _channels(
         # A set point beside the measurement may have the name that the measurement has here.
         name = f"{column.name} column" if column.name in _RESERVED else column.name
         channels[name], units[name] = in_si(table, column)
-    return channels, units
+    return channels, units, notes
+
+
+def _other_clock(table: Table, own: Column, other: Column) -> list[str]:
+    """A sentence where a second column of time keeps time with the first one, but is not it."""
+    first, second = in_si(table, own)[0], in_si(table, other)[0]
+    off = np.abs(second - first)
+    if not (np.diff(second) > 0.0).all() or not off.max() < 0.5 * float(np.ptp(first)):
+        return []
+    return [
+        f"Column {other.header!r} is a clock as well, off by up to {show(float(off.max()), 's')} "
+        f"from {own.header!r}, which was taken for all signals."
+    ]

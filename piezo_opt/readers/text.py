@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+from contextlib import suppress
 from pathlib import Path
 
 from piezo_opt.errors import InputError
@@ -49,6 +50,10 @@ def _sixteen(file: Path, head: bytes) -> tuple[str, str]:
         upper, lower = head[zeros::2], head[letters::2]
         if upper.count(0) > 0.9 * len(upper) and lower.count(0) == 0:
             return _decodes(file, name), f"The text is in {name.upper()}."
+    # A logger that was broken off leaves the room that it had reserved.
+    if 0 not in head.rstrip(b"\0") and 0 not in file.read_bytes().rstrip(b"\0"):
+        with suppress(InputError):
+            return _decodes(file, "utf-8"), "The file ends with zeros, which were left out."
     raise InputError(
         f"{file}: is binary, not text: read .mat, .h5, .nc, .tdms and .parquet files under their "
         "own suffix, or export CSV"

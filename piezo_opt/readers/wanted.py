@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Final, TypeVar, final
 
 from piezo_opt.choosing import expected
 from piezo_opt.errors import InputError
@@ -51,7 +52,10 @@ class Wanted:
             raise InputError(f"every is a number of samples from 1 on, not {self.every!r}")
         for what in ("time", "drive", "position", "trim"):
             if (said := getattr(self, what)) is not None:
-                expected(str, said, what, f"a text, {what}='{_TEXTS.get(what, '2 [V]')}'")
+                example = f"{what}='{_TEXTS.get(what, '2 [V]')}'"
+                expected(str, said, what, f"a text, {example}")
+                if not said.strip():
+                    raise InputError(f"{what} is an empty text: leave it out, or give {example}")
         for value in (self.stretch, self.hertz, self.amplification, self.factor):
             del value  # a wrong one is refused here and not in the middle of a file
 
@@ -64,7 +68,7 @@ class Wanted:
         example = "write for example '2 s:8 s', '2 s:' or ':8 s'"
         if not colon or not (begin.strip() or end.strip()):
             raise InputError(f"trim={self.trim!r} is no stretch of time: {example}")
-        ends = [quantity(one.strip(), "s") if one.strip() else None for one in (begin, end)]
+        ends = [_said("trim", one.strip(), "s") if one.strip() else None for one in (begin, end)]
         if ends[0] is not None and ends[1] is not None and ends[0] >= ends[1]:
             raise InputError(f"trim={self.trim!r} ends before it begins: {example}")
         return ends[0], ends[1]
@@ -74,7 +78,7 @@ class Wanted:
         """The rate of an even clock [Hz]; None for none, or one between the ends."""
         if self.rate is None or self.rate == "even":
             return None
-        hertz = quantity(self.rate, "Hz")
+        hertz = _said("rate", self.rate, "Hz")
         if hertz <= 0.0:
             raise InputError(f"rate is {hertz:g} Hz: give a positive one, rate='1 kHz'")
         return hertz
@@ -84,7 +88,7 @@ class Wanted:
         """The amplifier's gain [1]."""
         if self.gain is None:
             return None
-        value = quantity(self.gain, "1")
+        value = _said("gain", self.gain, "1")
         if value == 0.0:
             raise InputError("gain is 0: give the amplification of the drive, gain=15")
         return value
@@ -95,7 +99,9 @@ class Wanted:
         if self.scale is None:
             return None
         value, unit = (
-            factor(self.scale) if isinstance(self.scale, str) else (quantity(self.scale, "1"), "1")
+            _named("scale", self.scale, factor)
+            if isinstance(self.scale, str)
+            else (_said("scale", self.scale, "1"), "1")
         )
         if value == 0.0:
             raise InputError("scale is 0: give what one unit of the reading is, scale='2.5 um/V'")
@@ -105,6 +111,24 @@ class Wanted:
         """What a position in a unit is measured in after the scale."""
         _, own = self.factor or (1.0, "1")
         return si_unit(unit) if own == "1" else si_unit(f"{own}*{si_unit(unit)}")
+
+
+def _said(what: str, value: float | str, unit: str) -> float:
+    """A quantity that an option gives."""
+    return _named(what, value, lambda one: quantity(one, unit))
+
+
+_Value = TypeVar("_Value", str, float | str)
+_Read = TypeVar("_Read")
+
+
+def _named(what: str, value: _Value, read: Callable[[_Value], _Read]) -> _Read:
+    """What an option gives; the sentence about a wrong one begins with the option's name."""
+    try:
+        return read(value)
+    except InputError as error:
+        begins = str(error).startswith(repr(value))
+        raise InputError(f"{what}={error}" if begins else f"{what}={value!r}: {error}") from error
 
 
 def treated(record: Measurement, wanted: Wanted) -> Measurement:

@@ -176,7 +176,7 @@ class TestHdf5:
         assert len(record) == len(T) - 3
         assert record.position.min() > 0.0
         np.testing.assert_allclose(record.position[:100], 2e-6 * Y[:100], rtol=1e-6)
-        assert any("3 samples that the file marks as missing" in note for note in record.notes)
+        assert any("samples are marked as missing in the file" in note for note in record.notes)
         assert any("index 100" in note for note in record.notes)
 
     def test_a_rate_in_an_attribute_a_matrix_and_a_table(self, tmp_path: Path) -> None:
@@ -376,3 +376,31 @@ class TestFrames:
         spoiled.loc[7, "voltage [V]"] = np.nan
         with pytest.raises(InputError, match=r"frame: row 7, column 'voltage \[V\]': nan"):
             read(spoiled)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("fs", 1000.0), ("Fs", 1000), ("dt", 1e-3), ("Ts", 1e-3)]
+)
+def test_a_number_in_a_matlab_file_is_the_clock(tmp_path: Path, name: str, value: float) -> None:
+    io.savemat(tmp_path / "a.mat", {name: value, "u": U, "y": Y})
+    record = read(tmp_path / "a.mat", drive="u [V]", position="y [um]")
+    check(record)
+    assert f"made from {name!r}: 0.001 s" in record.notes[-1]
+    with h5py.File(tmp_path / "a.h5", "w") as content:
+        content[name], content["u [V]"], content["y [um]"] = value, U, Y
+    check(read(tmp_path / "a.h5"))
+
+
+def test_a_complex_signal_is_named_and_not_taken(tmp_path: Path) -> None:
+    io.savemat(tmp_path / "a.mat", {"t": T, "u": U + 1j, "y": Y})
+    with pytest.raises(InputError, match="'u' holds no numbers"):
+        read(tmp_path / "a.mat", time="t [s]", drive="u [V]", position="y [um]")
+
+
+def test_an_index_of_instants_with_a_time_zone_and_one_of_decimals() -> None:
+    signals = {"voltage [V]": U, "displacement [um]": Y}
+    zoned = pd.date_range("2020-03-29 01:59:59.5", periods=len(T), freq="ms", tz="Europe/Berlin")
+    check(read(pd.DataFrame(signals, index=zoned)))
+    stamped = pd.DataFrame({"time": zoned, **signals})
+    check(read(stamped))
+    check(read(pd.DataFrame(signals, index=T), time="index [s]"))

@@ -8,6 +8,7 @@ import pytest
 
 from piezo_opt.errors import InputError
 from piezo_opt.readers import read, read_campaign
+from piezo_opt.units import quantity
 from tests.readers.forms import HEADER, STEP, T, U, Y, check, put, rows
 
 
@@ -25,6 +26,10 @@ def numbered(head: str, tail: str = "") -> str:
     return head + "".join(
         f"{k},{u:.9g},{y:.9g}{tail}\n" for k, (u, y) in enumerate(zip(U, Y, strict=True))
     )
+
+
+def celled(form: str) -> str:
+    return "".join(form.format(t, u, y) for t, u, y in zip(T, U, Y, strict=True))
 
 
 FORMS = {
@@ -78,6 +83,52 @@ FORMS = {
         HEADER + ",state\n" + rows(tail=",ok"),
         "Column 'state' holds text and was left out",
     ),
+    "units in the cells": (
+        "time,voltage,displacement\n" + celled("{:.9g} s,{:.9g} V,{:.9g} um\n"),
+        "The cells of column 'displacement' carry their units; it was read in m.",
+    ),
+    "units in the cells behind decimal commas": (
+        "time;voltage;displacement\n" + celled("{:.9g}s;{:.9g}V;{:.9g}µm\n").replace(".", ","),
+        "'voltage' carry their units",
+    ),
+    "units in the cells between blanks": (
+        "time voltage displacement\n" + celled("{:.9g}s {:.9g}V {:.9g}um\n"),
+        "'time' carry their units",
+    ),
+    "a unit of its own in every cell": (
+        "time,voltage,displacement\n"
+        + "".join(
+            f"{1e3 * t:.9g} ms,{u:.9g} V," + (f"{1e3 * y:.9g} nm\n" if k % 2 else f"{y:.9g} um\n")
+            for k, (t, u, y) in enumerate(zip(T, U, Y, strict=True))
+        ),
+        "'displacement' carry their units",
+    ),
+    "braces": ("time {s},voltage {V},stroke {um}\n" + rows(), "'stroke' in um"),
+    "angles": ("time <s>,voltage <V>,stroke <um>\n" + rows(), "'stroke' in um"),
+    "units in front": ("[s] time,[V] voltage,[um] stroke\n" + rows(), None),
+    "single quotes": ("'time [s]','voltage [V]','stroke [um]'\n" + rows(), None),
+    "names behind commas over semicolons": (HEADER + "\n" + rows(";"), None),
+    "dashes below": (HEADER + "\n---,---,---\n" + rows(), None),
+    "dashes below units": ("a,b,c\ns,V,um\n===,===,===\n" + rows(), "units are those of row 2"),
+    "exponents of Fortran": (
+        HEADER + "\n" + celled("{:.9e},{:.9e},{:.9e}\n").replace("e", "D"),
+        None,
+    ),
+    "row names of R": (
+        '"time [s]" "voltage [V]" "stroke [um]"\n'
+        + "".join(
+            f'"{k + 1}" {t:.9g} {u:.9g} {y:.9g}\n'
+            for k, (t, u, y) in enumerate(zip(T, U, Y, strict=True))
+        ),
+        None,
+    ),
+    "the clock beside every channel": (
+        "time [s],voltage [V],time [s],displacement [um]\n"
+        + "".join(f"{t:.9g},{u:.9g},{t:.9g},{y:.9g}\n" for t, u, y in zip(T, U, Y, strict=True)),
+        None,
+    ),
+    "an end of file of old systems": (HEADER + "\n" + rows() + "\x1a", None),
+    "room that was reserved": (HEADER + "\n" + rows() + "\0" * 700, "ends with zeros"),
     "words": (
         "Zeit,Spannung,Weg\nSekunden,Volt,Mikrometer\n".replace("Mikro", "micro") + rows(),
         "2",
@@ -127,6 +178,11 @@ def test_encodings(tmp_path: Path, encoding: str, note: tuple[str, ...]) -> None
         "31.12.2020 11:22:{:06.3f}",
         "23:59:{:06.3f}",
         "11:59:{:06.3f} PM",
+        "12/31/2020 11:22:{:06.3f}",
+        "31/12/2020 11:22:{:06.3f}",
+        "07/07/2020 11:22:{:06.3f}",
+        "22:{:06.3f}",
+        "36:15:{:06.3f}",
     ],
 )
 def test_clock_times(tmp_path: Path, instant: str) -> None:
@@ -147,6 +203,91 @@ def test_a_clock_goes_on_over_midnight(tmp_path: Path) -> None:
             clock = f"{int(left // 3600):02}:{int(left % 3600 // 60):02}:{left % 60:06.3f}"
             lines += f"{f'2020-02-{28 + int(day)} ' if dated else ''}{clock},{u:.9g},{y:.9g}\n"
         check(read(put(tmp_path, "a.csv", "time,voltage [V],displacement [um]\n" + lines)))
+
+
+def test_milliseconds_behind_a_colon(tmp_path: Path) -> None:
+    lines = "".join(
+        f"10:00:00:{k:03d},{u:.9g},{y:.9g}\n" for k, (u, y) in enumerate(zip(U, Y, strict=True))
+    )
+    check(read(put(tmp_path, "a.csv", "time,voltage [V],displacement [um]\n" + lines)))
+
+
+@pytest.mark.parametrize(
+    ("instant", "says"),
+    [
+        ("2020-02-30 10:00:{:06.3f}", "'2020-02-30 10:00:00.000' is not a time"),
+        ("13/13/2020 10:00:{:06.3f}", "'13/13/2020 10:00:00.000' is not a time"),
+        ("2020-01-01 25:00:{:06.3f}", "is not a time"),
+    ],
+)
+def test_instants_that_no_calendar_has(tmp_path: Path, instant: str, says: str) -> None:
+    lines = celled(instant + ",{:.9g},{:.9g}\n")
+    refused(put(tmp_path, "a.csv", "time,voltage [V],displacement [um]\n" + lines), "row 2", says)
+
+
+def test_a_date_that_may_be_two_is_read_within_one_day_only(tmp_path: Path) -> None:
+    head = "time,voltage [V],displacement [um]\n"
+    lines = celled("01/02/2020 10:00:{:06.3f},{:.9g},{:.9g}\n")
+    later = lines.replace("01/02/2020", "02/02/2020")
+    refused(put(tmp_path, "a.csv", head + lines + later), "row 1002", "is not a time")
+    later = lines.replace("01/02/2020", "01/13/2020").replace("10:00:", "11:00:")
+    lines = lines.replace("01/02/2020", "01/12/2020")
+    # The second day says that the month comes first.
+    record = read(put(tmp_path, "b.csv", head + lines + later))
+    assert record.time[1000] == pytest.approx(25 * 3600.0)
+
+
+@pytest.mark.parametrize(("unit", "first"), [("s", 1.6e9), ("ms", 1.6e12), ("d", 44197.5)])
+def test_a_clock_of_another_age_is_counted_from_its_first_instant(
+    tmp_path: Path, unit: str, first: float
+) -> None:
+    step = STEP / quantity(f"1 {unit}", "s")
+    lines = "".join(
+        f"{first + k * step:.12f},{u:.9g},{y:.9g}\n"
+        for k, (u, y) in enumerate(zip(U, Y, strict=True))
+    )
+    record = read(put(tmp_path, "a.csv", f"time [{unit}],voltage [V],displacement [um]\n" + lines))
+    np.testing.assert_allclose(record.time, T, atol=2e-6)
+    assert "counted from its first value" in record.notes[0]
+
+
+def test_another_clock_is_told(tmp_path: Path) -> None:
+    lines = "".join(
+        f"{t:.9g},{u:.9g},{t + 5e-4:.9g},{y:.9g}\n" for t, u, y in zip(T, U, Y, strict=True)
+    )
+    file = put(tmp_path, "a.csv", "t1 [s],voltage [V],t2 [s],displacement [um]\n" + lines)
+    refused(file, "time='t1 [s]' or time='t2 [s]'")
+    record = read(file, time="t1")
+    assert record.notes == (
+        "Column 't2 [s]' is a clock as well, off by up to 500 us from 't1 [s]', which was taken "
+        "for all signals.",
+    )
+
+
+@pytest.mark.parametrize("blank", ["\u00a0", "\u202f", "'", "\u2019"])
+def test_digits_in_groups_and_a_minus_that_is_no_hyphen(tmp_path: Path, blank: str) -> None:
+    lines = "".join(
+        f"{t:.3f};{1000 + u:,.6f};{-y:.9f}\n".replace(",", blank).replace(".", ",")
+        for t, u, y in zip(T, U, Y, strict=True)
+    ).replace("-", "\u2212")
+    record = read(put(tmp_path, "a.csv", HEADER.replace(",", ";") + "\n" + lines))
+    np.testing.assert_allclose(record.drive, 1000 + U, rtol=1e-9)
+    np.testing.assert_allclose(record.position, -1e-6 * Y, rtol=1e-6, atol=1e-12)
+
+
+class TestUnitsInCells:
+    HEAD = "time,voltage,displacement\n"
+
+    def test_another_kind_of_unit_is_refused_by_row(self, tmp_path: Path) -> None:
+        lines = celled("{:.9g} s,{:.9g} V,{:.9g} um\n")
+        kind = "is not a number with a unit of the same kind as above"
+        for cell in ("3 A", "3", "V", "3 furlongs"):
+            text = self.HEAD + lines + f"1.5 s,{cell},3 um\n"
+            refused(put(tmp_path, "a.csv", text), "row 1002, column 'voltage'", kind, repr(cell))
+
+    def test_a_header_of_another_kind_is_refused(self, tmp_path: Path) -> None:
+        text = "time,voltage,displacement [V]\n" + celled("{:.9g} s,{:.9g} V,{:.9g} um\n")
+        refused(put(tmp_path, "a.csv", text), "'displacement' is headed [V]", "'")
 
 
 class TestAsking:
@@ -238,6 +379,45 @@ class TestAsking:
         lines[500] = lines[500].replace(".", ",")
         text = "\n".join([HEADER.replace(",", ";"), *lines])
         refused(put(tmp_path, "a.csv", text), "row 502", "write decimals with a point")
+
+
+class TestWhatIsWrong:
+    def test_a_header_that_comes_again(self, tmp_path: Path) -> None:
+        text = HEADER + "\n" + rows()
+        refused(put(tmp_path, "a.csv", text + text), "row 1002 is a header again")
+        refused(put(tmp_path, "b.csv", text + "\ufeff" + text), "row 1002 is a header again")
+
+    def test_words_below_the_table(self, tmp_path: Path) -> None:
+        text = HEADER + "\n" + rows() + "\nEnd of file\n"
+        refused(put(tmp_path, "a.csv", text), "row 1003 has 1 cell ", "no row of numbers: remove")
+
+    def test_a_header_with_too_few_names(self, tmp_path: Path) -> None:
+        text = HEADER + "\n" + rows(tail=",1.5")
+        refused(put(tmp_path, "a.csv", text), "row 2 has 4 cells", "give every column one name")
+
+    def test_a_signal_that_was_sampled_more_slowly(self, tmp_path: Path) -> None:
+        lines = "".join(
+            f"{t:.9g},{u:.9g},{'' if k % 4 else f'{y:.9g}'}\n"
+            for k, (t, u, y) in enumerate(zip(T, U, Y, strict=True))
+        )
+        refused(
+            put(tmp_path, "a.csv", HEADER + "\n" + lines), "'displacement [um]' has empty cells"
+        )
+
+    @pytest.mark.parametrize(
+        ("said", "says"),
+        [
+            ({"rate": "1"}, "rate='1' has no unit"),
+            ({"gain": "1 V"}, "gain='1 V' is not a plain number"),
+            ({"scale": "um"}, "scale='um' does not start with a number"),
+            ({"scale": "2 foo"}, "scale='2 foo': unknown unit 'foo'"),
+            ({"trim": "2 s:3"}, "trim='3' has no unit"),
+            ({"drive": " "}, "drive is an empty text"),
+        ],
+    )
+    def test_the_option_is_named(self, tmp_path: Path, said: dict[str, Any], says: str) -> None:
+        with pytest.raises(InputError, match=says):
+            read(put(tmp_path, "a.csv", HEADER + "\n" + rows()), **said)
 
 
 class TestTreating:
