@@ -18,9 +18,10 @@ from piezo_opt.effects.strain.bouc_wen import BoucWen
 from piezo_opt.effects.strain.piezo_gain import PiezoGain
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Fit, Identification, Start, solve
+from piezo_opt.readers.files import target_of
 from piezo_opt.units import show
 
-__all__ = ["PAGE", "Demo", "question", "run"]
+__all__ = ["PAGE", "Demo", "found", "question", "run"]
 
 PAGE: Final = "piezo-opt-demo.html"
 _TITLE: Final = "piezo_opt demo: the thesis' measured loop"
@@ -30,7 +31,7 @@ _MECHANICS: Final = {"second_order.omega": 8.0321, "second_order.zeta": 0.1992}
 @final
 @dataclass(frozen=True, eq=False)
 class Demo:
-    """What the demo found, and where its page is."""
+    """What the demo found, and where its page is to be."""
 
     fit: Fit
     comparison: Comparison
@@ -44,14 +45,20 @@ class Demo:
             ""
             if self.fit.compiled
             else "\nThere is no C compiler: this ran on the slower virtual machine. Install gcc "
-            "for long records.\n"
+            "for long records."
         )
         return (
             f"{record!r}\n{record.source}\n"
             f"Hysteresis alone: the reading is off a straight line by {area} over the loop; the "
             f"model below leaves {left}.\n\n"
-            f"{self.fit}\n\n{self.comparison}\n{slow}\nReport: {self.page.resolve()}"
+            f"{self.fit}\n\n{self.comparison}{slow}"
         )
+
+    def write_page(self) -> None:
+        """Draw the page; that of an earlier demo is replaced."""
+        from piezo_opt.report import write_report
+
+        write_report(self.page, self.fit, title=_TITLE, overwrite=True)
 
 
 def question() -> Identification:
@@ -68,7 +75,14 @@ def question() -> Identification:
 
 
 def run(out: str | os.PathLike[str] = ".") -> Demo:
-    """Fit, compare and write the page.
+    """Fit, compare and write the page; arguments and errors as those of :func:`found`."""
+    done = found(out)
+    done.write_page()
+    return done
+
+
+def found(out: str | os.PathLike[str] = ".") -> Demo:
+    """Fit and compare; the page is not drawn yet.
 
     Args:
         out: a folder, which gets ``piezo-opt-demo.html``, or the page's own name.
@@ -77,18 +91,15 @@ def run(out: str | os.PathLike[str] = ".") -> Demo:
         InputError: the page cannot be written, or a file that is not an earlier demo's page is
             in its place.
     """
-    from piezo_opt.report import write_report
-
     given = Path(out)
     page = given / PAGE if given.is_dir() else given
     if page.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{page}: there is no such folder: make it, or name a page, {PAGE}")
+    target_of(page)
     if page.exists() and not _own(page):
         raise InputError(f"{page}: exists already and is no page of the demo: choose another name")
     fit = solve(question())
-    comparison = compare(fit)
-    write_report(page, fit, title=_TITLE, overwrite=True)
-    return Demo(fit, comparison, page)
+    return Demo(fit, compare(fit), page)
 
 
 def _own(page: Path) -> bool:

@@ -32,8 +32,8 @@ class TimeLimit:
         except TypeError:
             legal = False
         if not legal:
-            said = f"{seconds:g}" if isinstance(seconds, int | float) else repr(seconds)
-            raise InputError(f"A limit of {said} s is no limit: give a positive time.")
+            said = f"{seconds:g} s" if isinstance(seconds, int | float) else repr(seconds)
+            raise InputError(f"A limit of {said} is no limit: give a positive time in seconds.")
         self.seconds = seconds
         self._end = None if seconds is None else time.monotonic() + seconds
         self._lock = threading.Lock()

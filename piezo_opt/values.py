@@ -32,6 +32,8 @@ class Values(Mapping[str, float]):
     numbers: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.numbers, Mapping):
+            raise ModelError(f"Values are {self.numbers!r}; give numbers by name, {{...}}.")
         for name, number in self.numbers.items():
             if isinstance(number, str) or not hasattr(number, "__float__"):
                 raise ModelError(f"Value of '{name}' is {number!r}; give a number in SI units.")

@@ -7,12 +7,10 @@ from typing import Annotated, TypeAlias
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
-from piezo_opt.cli.codes import INTERRUPTED
-from piezo_opt.cli.declare import Argument, Commands, Exit, Option, echo
+from piezo_opt.cli.declare import Argument, Commands, Option, echo
+from piezo_opt.cli.limiting import leave_early, limit_of, limited
 from piezo_opt.cli.linear import number_range
 from piezo_opt.cli.telling import telling
-from piezo_opt.stopping import TimeLimit
-from piezo_opt.units import quantity
 
 axes = Commands("axes", "Identify and simulate stages with several drives and positions.")
 
@@ -20,7 +18,7 @@ Files: TypeAlias = Annotated[
     list[Path],
     Argument(
         help="Records: .h5 with voltage and displacement, u_NAME.npy beside y_NAME.npy, tables, or "
-        "folders of these.",
+        "folders of these."
     ),
 ]
 Sampling: TypeAlias = Annotated[
@@ -97,14 +95,14 @@ def fit(
     """
     outputs.check({"--json": json, "--report": report}, overwrite=overwrite, inputs=files)
     counts = range(2, 26, 2) if modes is None else number_range("--modes", modes)
-    limit = TimeLimit(None if max_time is None else quantity(max_time, "s"))
+    limit = limit_of(max_time)
     from piezo_opt.linear_models import identify_axes
     from piezo_opt.readers import read_axes
 
-    records = read_axes(*files, rate=rate, period=period)
-    with telling("Axes") as tell, limit:
+    with limited(limit), telling("Axes") as tell:
         found = identify_axes(
-            records, counts[0] if len(counts) == 1 else list(counts),
+            read_axes(*files, rate=rate, period=period),
+            counts[0] if len(counts) == 1 else list(counts),
             real=real, held_out=held_out, compare=compare, progress=tell,
         )  # fmt: skip
     echo(str(found))
@@ -112,8 +110,7 @@ def fit(
         outputs.write_json(json, found.to_dict(), overwrite=overwrite)
     if report is not None:
         outputs.write_page(report, found, overwrite=overwrite)
-    if found.interrupted and not limit.passed:
-        raise Exit(INTERRUPTED)
+    leave_early(found.interrupted, limit)
 
 
 @axes.command()

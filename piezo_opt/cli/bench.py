@@ -16,10 +16,9 @@ from piezo_opt.cli.bench_speed import speed
 from piezo_opt.cli.bench_spiked import spiked
 from piezo_opt.cli.bench_video import video
 from piezo_opt.cli.declare import Commands, Option, echo
+from piezo_opt.cli.limiting import limit_of, limited
 from piezo_opt.cli.solving import pool
 from piezo_opt.cli.telling import telling
-from piezo_opt.stopping import TimeLimit
-from piezo_opt.units import quantity
 
 bench = Commands("bench", "Measure what the package claims.")
 
@@ -104,10 +103,10 @@ def hidden(
     from piezo_opt.benchmark.hidden import hidden_bench
 
     outputs.check({"--json": json, "--log": log}, overwrite=overwrite, grows=frozenset({"--log"}))
-    seconds = None if max_time is None else quantity(max_time, "s")
+    limit = limit_of(max_time)
     asked = None if classes is None else [one.strip() for one in classes.split(",")]
     chosen = family or (Plants.FOREIGN if blind else Plants.OWN)
-    with pool(workers) as executor, telling("Bench") as tell, TimeLimit(seconds):
+    with pool(workers) as executor, telling("Bench") as tell, limited(limit):
         found = hidden_bench(
             asked,
             seeds,

@@ -35,7 +35,6 @@ def control(
       piezo-opt bench control --samples 300 --starts 2 --picture control.png
     """
     from piezo_opt.benchmark.controllers import control_bench
-    from piezo_opt.files import replacing
     from piezo_opt.report.control_bench import benched
 
     outputs.check({"--json": json, "--picture": picture}, overwrite=overwrite)
@@ -45,6 +44,4 @@ def control(
     if json is not None:
         outputs.write_json(json, found.to_dict(), overwrite=overwrite)
     if picture is not None:
-        with replacing(picture, overwrite=overwrite) as temporary:
-            form = picture.suffix.lstrip(".").lower() or "png"
-            benched(found).savefig(temporary, dpi=150, format=form)
+        outputs.write_picture(picture, lambda: benched(found), overwrite=overwrite)

@@ -60,7 +60,7 @@ def optimisers(
     """
     from piezo_opt.benchmark.optimisation import CASES, CONTENDERS, compare_optimisers
 
-    outputs.check({"--json": json}, overwrite=overwrite)
+    outputs.check({"--json": json, "--log": log}, overwrite=overwrite, grows=frozenset({"--log"}))
     if out is not None:
         _check_folder(out, overwrite=overwrite)
     with telling("Race") as tell, pool(workers) as executor:
@@ -70,8 +70,6 @@ def optimisers(
             progress=lambda done, of: tell(f"{done} of {of} runs (Ctrl-C prints those)"),
         )  # fmt: skip
     shown = found.without(*(_names(hide) or ()))
-    if json is not None:
-        outputs.write_json(json, shown.to_dict(), overwrite=overwrite)
     echo(str(shown))
     whole = found.whole_s(len(CASES), len(CONTENDERS), 20) / workers / 60.0
     echo(
@@ -82,6 +80,8 @@ def optimisers(
         echo(f"\n{kind.capitalize()} profile at {_SHOWN[0]:g}:")
         for sentence in shown.sentences(kind, _SHOWN[0]):
             echo(f"  {sentence}")
+    if json is not None:
+        outputs.write_json(json, shown.to_dict(), overwrite=overwrite)
     if out is not None:
         _write(out, shown)
 

@@ -55,7 +55,6 @@ def speed(
     from piezo_opt.benchmark.equal_accuracy import equal_accuracy
     from piezo_opt.benchmark.scaling import measure_scaling
     from piezo_opt.benchmark.speed import measure
-    from piezo_opt.files import replacing
     from piezo_opt.report.speed_figures import work_precision
 
     outputs.check({"--json": json, "--picture": picture}, overwrite=overwrite)
@@ -81,7 +80,4 @@ def speed(
             told["alternatives"] = beside.to_dict()
         outputs.write_json(json, {**found.to_dict(), **told}, overwrite=overwrite)
     if picture is not None and beside is not None:
-        with replacing(picture, overwrite=overwrite) as temporary:
-            work_precision(beside).savefig(
-                temporary, dpi=150, format=picture.suffix.lstrip(".").lower() or "png"
-            )
+        outputs.write_picture(picture, lambda: work_precision(beside), overwrite=overwrite)

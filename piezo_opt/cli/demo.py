@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 from piezo_opt.cli.declare import Option, echo
-from piezo_opt.demo import PAGE, run
+from piezo_opt.cli.telling import telling
+from piezo_opt.demo import PAGE, found
 
 
 def demo(
@@ -24,5 +25,9 @@ def demo(
       piezo-opt demo
       piezo-opt demo --out /tmp
     """
-    done = run(out)
+    done = found(out)
     echo(str(done))
+    with telling("Report") as tell:
+        tell(f"drawing {done.page}")
+        done.write_page()
+    echo(f"\nReport: {done.page.resolve()}")

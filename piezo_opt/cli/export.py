@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Annotated, TypeAlias
 
 from piezo_opt.cli import options as o
+from piezo_opt.cli import outputs
 from piezo_opt.cli.declare import Argument, Commands, Option, echo
-from piezo_opt.cli.inputs import Reading
+from piezo_opt.cli.groups import grouped
+from piezo_opt.cli.inputs import AS_WRITTEN, Reading
 from piezo_opt.units import quantity
 
 export = Commands("export", "Take a fitted model away as code that needs nothing of this package.")
@@ -17,7 +19,7 @@ export = Commands("export", "Take a fitted model away as code that needs nothing
 Holder: TypeAlias = Annotated[
     Path,
     Argument(
-        metavar="FIT.json", help="JSON of a fit, diagnosis or comparison, or a model file.",
+        metavar="FIT.json", help="JSON of a fit, diagnosis or comparison, or a model file."
     ),
 ]  # fmt: skip
 Out: TypeAlias = Annotated[Path, Option("--out", metavar="DIR", help="Folder to make.")]
@@ -51,6 +53,7 @@ def volts(pair: tuple[str, str] | None) -> tuple[float, float] | None:
 
 
 @export.command()
+@grouped
 def c(
     source: Holder,
     out: Out,
@@ -68,10 +71,7 @@ def c(
         bool,
         Option("--sensitivities", help="Also the derivatives of the reading by parameters."),
     ] = False,
-    time: o.Time = None,
-    drive: o.Drive = None,
-    position: o.Position = None,
-    record: o.RecordName = None,
+    reading: Reading = AS_WRITTEN,
 ) -> None:
     """Write C99 that needs nothing but libm: a header, a source, a program to try it with.
 
@@ -85,7 +85,6 @@ def c(
     """
     from piezo_opt.export import export_c
 
-    reading = Reading(time, drive, position, record)
     found = export_c(
         source,
         out,
@@ -198,6 +197,7 @@ def fmu(
     """
     from piezo_opt.export import export_fmu
 
+    outputs.check({"--out": out}, overwrite=overwrite, inputs=(source,))
     found = export_fmu(
         source,
         out,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -170,7 +171,6 @@ def _draw(
 ) -> None:
     if picture is None and shapes is None and response is None:
         return
-    from piezo_opt.files import replacing
     from piezo_opt.report import finite_elements as draw
 
     drawn = (
@@ -180,5 +180,4 @@ def _draw(
     )
     for path, make, answer in drawn:
         if path is not None:
-            with replacing(path, overwrite=overwrite) as temporary:
-                make(answer).savefig(temporary, dpi=160)
+            outputs.write_picture(path, partial(make, answer), overwrite=overwrite)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
+from piezo_opt.cli.checking import UNANSWERED, Checking
 from piezo_opt.cli.declare import Option, echo
-from piezo_opt.cli.inputs import Reading, parted
+from piezo_opt.cli.groups import grouped
+from piezo_opt.cli.inputs import AS_WRITTEN, Reading, parted
+from piezo_opt.cli.limiting import leave_early, limit_of, limited
+from piezo_opt.cli.telling import telling
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Start
 from piezo_opt.linear_models import (
@@ -23,6 +28,7 @@ from piezo_opt.linear_models import (
 from piezo_opt.measurement import Campaign
 
 
+@grouped
 def linear(
     records: o.Records,
     poles: Annotated[
@@ -54,19 +60,16 @@ def linear(
     ] = Start.FREE,
     json: o.Json = None,
     report: o.Page = None,
-    time: o.Time = None,
-    drive: o.Drive = None,
-    position: o.Position = None,
-    record: o.RecordName = None,
-    between: o.BetweenSamples = None,
-    period: o.Period = None,
-    startup: o.Startup = None,
+    reading: Reading = AS_WRITTEN,
+    checking: Checking = UNANSWERED,
     split: o.Split = None,
+    max_time: o.MaxTime = None,
     overwrite: o.Overwrite = False,
 ) -> None:
     """Fit transfer functions to records, or measure the frequency response of periodic ones.
 
-    Several orders are judged on held-out data (--split or --test) or, without, by FPE.
+    Several orders are judged on held-out data (--split or --test) or, without, by Akaike's final
+    prediction error (FPE). Ctrl-C and --max-time give the orders that were finished.
 
     \b
     Examples:
@@ -77,25 +80,30 @@ def linear(
     """
     if test and split is not None:
         raise InputError("--test and --split both say what to judge on: give one of them")
-    outputs.check({"--json": json, "--report": report}, overwrite=overwrite)
-    reading = Reading(time, drive, position, record, between, period, startup)
-    train, held_out = parted(reading.records(records), split)
-    if test:
-        held_out = reading.records(test)
+    outputs.check(
+        {"--json": json, "--report": report},
+        overwrite=overwrite,
+        inputs=(*records, *(test or ())),
+    )
     result: FrequencyResponse | OrderSearch | TransferFit
-    if response:
-        result = frequency_response(train)
-    else:
-        result = _fitted(train, held_out, poles, zeros, not unstable, start, detrend)
-    if json is not None:
-        outputs.write_json(json, result.to_dict(), overwrite=overwrite)
-    if report is not None:
-        from piezo_opt.report import write_report
-
-        write_report(report, result, overwrite=overwrite)
+    limit = limit_of(max_time)
+    with limited(limit), telling("Orders") as tell:
+        train, held_out = parted(checking.records(reading.records(records)), split)
+        if test:
+            held_out = Campaign(tuple(map(checking.judging, reading.records(test))))
+        if response:
+            result = frequency_response(train)
+        else:
+            how: dict[str, Any] = {"stable": not unstable, "start": start, "detrend": detrend}
+            result = _fitted(train, held_out, poles, zeros, how, tell)
     echo(str(result))
     if isinstance(result, OrderSearch):
         echo(f"\n{result.best}")
+    if json is not None:
+        outputs.write_json(json, result.to_dict(), overwrite=overwrite)
+    if report is not None:
+        outputs.write_page(report, result, overwrite=overwrite)
+    leave_early(isinstance(result, OrderSearch) and result.interrupted, limit)
 
 
 def _fitted(
@@ -103,17 +111,14 @@ def _fitted(
     test: Campaign | None,
     poles: str,
     zeros: str | None,
-    stable: bool,
-    start: Start,
-    detrend: Detrend,
+    how: dict[str, Any],
+    tell: Callable[[str], None],
 ) -> OrderSearch | TransferFit:
     n = number_range("--poles", poles)
     m = None if zeros is None else number_range("--zeros", zeros)
     if len(n) == 1 and m is not None and len(m) == 1 and test is None:
-        return fit_transfer(train, n[0], m[0], stable=stable, start=start, detrend=detrend)
-    return search_orders(
-        train, test=test, poles=n, zeros=m, stable=stable, start=start, detrend=detrend
-    )
+        return fit_transfer(train, n[0], m[0], **how)
+    return search_orders(train, test=test, poles=n, zeros=m, progress=tell, **how)
 
 
 def number_range(option: str, text: str) -> list[int]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, final
 
 from piezo_opt.cli.declare import Option
+from piezo_opt.cli.limiting import leave_early, limit_of, limited
 from piezo_opt.cli.telling import telling
 from piezo_opt.cli.tuning import Loop, Reference, Result, asked, described
 
@@ -50,9 +51,10 @@ def tuned_loop(
     """Tune a controller, say what it is, and write what was asked for."""
     from piezo_opt.report.control import loops
 
+    limit = limit_of(result.max_time)
     result.check(fit, reference.reference)
     what = asked(fit, reference, loop)
-    with telling(name) as tell:
+    with telling(name) as tell, limited(limit):
         found = design(
             what.actuator, what.reference, period=what.period, limits=what.limits,
             delay=loop.delay, noise=what.noise, criterion=aim.criterion.value, effort=aim.effort,
@@ -61,5 +63,6 @@ def tuned_loop(
         )  # fmt: skip
     result.deliver(
         f"For {what.told}:\n{found}", {**found.to_dict(), **described(what, fit)},
-        None if result.picture is None else loops(found.loops, name, what.limits),
+        lambda: loops(found.loops, name, what.limits),
     )  # fmt: skip
+    leave_early(found.interrupted, limit)

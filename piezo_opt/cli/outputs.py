@@ -5,15 +5,22 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from piezo_opt.cli.codes import INTERRUPTED
 from piezo_opt.cli.declare import Exit, echo
 from piezo_opt.cli.telling import telling
 from piezo_opt.errors import InputError
 from piezo_opt.files import replacing, target_of
+
+PAGES: Final = (".html", ".htm")
+PICTURES: Final = (".png", ".svg", ".pdf")
+_WRITTEN_AS: Final[Mapping[str, tuple[str, ...]]] = {
+    "--report": PAGES,
+    **dict.fromkeys(("--picture", "--shapes", "--response"), PICTURES),
+}
 
 
 def check(
@@ -59,6 +66,18 @@ def check(
         if where in seen:
             raise InputError(f"{option} and {seen[where]} are the same file {path}: give two")
         seen[where] = option
+        if option in _WRITTEN_AS:
+            check_suffix(option, path, _WRITTEN_AS[option])
+
+
+def check_suffix(option: str, path: Path, suffixes: tuple[str, ...]) -> None:
+    """Refuse a name that says another format than what would be written.
+
+    Raises:
+        InputError: it does.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"{option} {path}: it is written as {' or '.join(suffixes)}: choose one")
 
 
 def _same(target: Path, read: Path) -> bool:
@@ -92,6 +111,16 @@ def write_page(path: Path, *results: object, title: str | None = None, overwrite
     except KeyboardInterrupt:
         echo(f"Interrupted while {path} was drawn: it was not written.", err=True)
         raise Exit(INTERRUPTED) from None
+
+
+def write_picture(path: Path, draw: Callable[[], Any], *, overwrite: bool) -> None:
+    """A figure of matplotlib's, drawn now, in the format of the name's suffix.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    with replacing(path, overwrite=overwrite) as temporary:
+        draw().savefig(temporary, dpi=150, format=path.suffix.lstrip(".").lower())
 
 
 def _finite(data: Any) -> Any:

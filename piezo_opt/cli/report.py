@@ -41,6 +41,7 @@ def report(
         inputs=(*records, model),
         grows=frozenset({"--log"}),
     )
+    outputs.check_suffix("--out", out, outputs.PAGES)
     train, test = parted(checking.records(reading.records(records)), split)
     question, remarks = asked(model, train, start)
     answer = how.fit(question, remarks)

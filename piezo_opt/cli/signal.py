@@ -71,8 +71,10 @@ class Delivery:
         outputs.check(
             {"--out": self.out, "--picture": self.picture, "--arduino": self.sketch},
             overwrite=self.overwrite,
+            inputs=(self.fit,),
         )
         drive = self._limited(made())
+        echo(f"{drive}, crest factor {drive.crest:.2f}")
         if self.out is not None:
             drive.write(self.out, overwrite=self.overwrite)
         if self.sketch is not None:
@@ -83,7 +85,6 @@ class Delivery:
             )
         if self.picture is not None:
             save_preview(drive, self.picture, overwrite=self.overwrite)
-        echo(f"{drive}, crest factor {drive.crest:.2f}")
 
     def _limited(self, drive: Drive) -> Drive:
         from piezo_opt.signals import DriveLimits, within
@@ -106,11 +107,9 @@ class Delivery:
 
 def save_preview(drive: Drive, path: Path, *, overwrite: bool) -> None:
     """The drive and its spectrum as a picture."""
-    from piezo_opt.files import replacing
     from piezo_opt.report.signals import preview
 
-    with replacing(path, overwrite=overwrite) as temporary:
-        preview(drive).savefig(temporary, dpi=150)
+    outputs.write_picture(path, lambda: preview(drive), overwrite=overwrite)
 
 
 @signal.command()

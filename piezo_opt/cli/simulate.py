@@ -57,12 +57,12 @@ def simulate(
         source=f"simulated with {Path(model).name}",
         allow_saturated=True,
     )
-    write(answer, out, overwrite=overwrite)
     error = (measured.position - response.reading)[measured.counted]
     percent = fit_percent(measured.position[measured.counted], error)
     echo(
-        f"{out}: {len(answer)} samples; measured minus simulated "
+        f"{len(answer)} samples; measured minus simulated "
         f"{show(rms(error), measured.position_unit)} rms, fit {percent:.2f} %, scheme error "
         f"{show(response.accuracy.error, measured.position_unit)}"
         f"{'' if response.compiled else ' (no C compiler: slower virtual machine)'}."
     )
+    write(answer, out, overwrite=overwrite)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.declare import Commands, Option, echo
+from piezo_opt.cli.limiting import limit_of, limited
 from piezo_opt.cli.solving import pool
 from piezo_opt.cli.telling import telling
-from piezo_opt.stopping import TimeLimit
-from piezo_opt.units import quantity
 
 study = Commands(
     "study", "Published numbers beside ours, and what a diagnosis is worth to a controller."
@@ -44,29 +43,24 @@ def thesis(
     outputs.check({"--json": json, "--picture": picture}, overwrite=overwrite)
     if page is not None:
         tables_of(page)
-    found = study_thesis()
+    with telling("Thesis") as tell:
+        found = study_thesis(tell)
+    echo(str(found))
     if json is not None:
         outputs.write_json(json, found.to_dict(), overwrite=overwrite)
     if page is not None:
         write_tables(page, found)
-    echo(str(found))
     if picture is not None:
         from piezo_opt.report.thesis import chapter_four
         from piezo_opt.studies.thesis.control import hysteresis_loops, vibration_answers
         from piezo_opt.studies.thesis.hysteresis import loop_fit
 
         fit = loop_fit()
-        drawn = chapter_four(fit, hysteresis_loops(fit), *vibration_answers())
-        _save(drawn, picture, overwrite)
-
-
-def _save(figure: Any, picture: Path, overwrite: bool) -> None:
-    """Beside it and renamed; the figure is matplotlib's, which only the report knows."""
-    from piezo_opt.files import replacing
-
-    with replacing(picture, overwrite=overwrite) as temporary:
-        form = picture.suffix.lstrip(".").lower() or "png"
-        figure.savefig(temporary, dpi=150, format=form)
+        outputs.write_picture(
+            picture,
+            lambda: chapter_four(fit, hysteresis_loops(fit), *vibration_answers()),
+            overwrite=overwrite,
+        )
 
 
 @study.command()
@@ -97,8 +91,8 @@ def worth(
     from piezo_opt.studies import study_worth
 
     outputs.check({"--json": json, "--picture": picture}, overwrite=overwrite)
-    seconds = None if max_time is None else quantity(max_time, "s")
-    with pool(workers) as executor, telling("Study") as tell, TimeLimit(seconds):
+    limit = limit_of(max_time)
+    with pool(workers) as executor, telling("Study") as tell, limited(limit):
         found = study_worth(
             plants, seed, samples=samples, executor=executor,
             progress=lambda done, of: tell(f"{done} of {of} plants (Ctrl-C prints those)"),
@@ -109,4 +103,4 @@ def worth(
     if picture is not None:
         from piezo_opt.report.worth import worths
 
-        _save(worths(found.points()), picture, overwrite)
+        outputs.write_picture(picture, lambda: worths(found.points()), overwrite=overwrite)

@@ -99,10 +99,8 @@ def track(
     elif out is not None:
         found.write(out, overwrite=overwrite)
     if picture is not None:
-        from piezo_opt.files import replacing
         from piezo_opt.report.video import overlay
 
-        with replacing(picture, overwrite=overwrite) as temporary:
-            overlay(found).savefig(temporary, dpi=160)
+        outputs.write_picture(picture, lambda: overlay(found), overwrite=overwrite)
     if json is not None:
         outputs.write_json(json, found.to_dict(), overwrite=overwrite)

@@ -8,6 +8,7 @@ from typing import Annotated
 from piezo_opt.cli import outputs
 from piezo_opt.cli.declare import Option
 from piezo_opt.cli.groups import grouped
+from piezo_opt.cli.limiting import leave_early, limit_of, limited
 from piezo_opt.cli.telling import telling
 from piezo_opt.cli.tuning import Actuator, Loop, Reference, Result, asked, described, tune
 
@@ -25,6 +26,8 @@ def feedforward(
 ) -> None:  # fmt: skip
     """The drive that makes the actuator follow a reference without a sensor.
 
+    Ctrl-C and --max-time give the best so far.
+
     \b
     Examples:
       piezo-opt tune feedforward fit.json --out drive.csv
@@ -33,18 +36,20 @@ def feedforward(
     from piezo_opt.control import ClosedLoop, optimal_feedforward
     from piezo_opt.report.control import loops
 
+    limit = limit_of(result.max_time)
     result.check(fit, reference.reference)
     outputs.check({"--out": out}, overwrite=result.overwrite, inputs=(fit, reference.reference))
     what = asked(fit, reference, loop)
-    with telling("Feedforward") as tell:
+    with telling("Feedforward") as tell, limited(limit):
         found = optimal_feedforward(
             what.actuator, what.reference, period=what.period, limits=what.limits, effort=effort,
             progress=tell,
         )  # fmt: skip
-    if out is not None:
-        found.to_drive().write(out, overwrite=result.overwrite)
     run = ClosedLoop(found.time, found.reference, found.predicted, found.predicted, found.drive)
     result.deliver(
         f"For {what.told}:\n{found}", {**found.to_dict(), **described(what, fit)},
-        None if result.picture is None else loops([run], "Feedforward", what.limits),
+        lambda: loops([run], "Feedforward", what.limits),
     )  # fmt: skip
+    if out is not None:
+        found.to_drive().write(out, overwrite=result.overwrite)
+    leave_early(found.interrupted, limit)

@@ -14,6 +14,8 @@ def lqr(
 ) -> None:
     """Feedback of estimated states, with a filter that takes the offset; weights are found.
 
+    Ctrl-C and --max-time give the best so far.
+
     \b
     Examples:
       piezo-opt tune lqr fit.json

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from piezo_opt.cli.declare import Option
 from piezo_opt.cli.groups import grouped
+from piezo_opt.cli.limiting import leave_early, limit_of, limited
 from piezo_opt.cli.telling import telling
 from piezo_opt.cli.tuning import Actuator, Loop, Reference, Result, asked, described, tune
 from piezo_opt.units import quantity
@@ -29,6 +30,8 @@ def mpc(
 ) -> None:  # fmt: skip
     """Predictive control: the hysteretic model over a horizon, within limits.
 
+    Ctrl-C and --max-time give the best so far.
+
     \b
     Examples:
       piezo-opt tune mpc fit.json
@@ -37,10 +40,11 @@ def mpc(
     from piezo_opt.control import tune_mpc
     from piezo_opt.report.control import loops
 
+    limit = limit_of(result.max_time)
     result.check(fit, reference.reference)
     what = asked(fit, reference, loop)
     ends = None if stroke is None else (quantity(stroke[0], "m"), quantity(stroke[1], "m"))
-    with telling("MPC") as tell:
+    with telling("MPC") as tell, limited(limit):
         found = tune_mpc(
             what.actuator, what.reference, period=what.period, limits=what.limits, stroke=ends,
             delay=loop.delay, noise=what.noise, horizon=horizon, preview=preview,
@@ -48,5 +52,6 @@ def mpc(
         )  # fmt: skip
     result.deliver(
         f"For {what.told}:\n{found}", {**found.to_dict(), **described(what, fit)},
-        None if result.picture is None else loops(found.loops, "MPC", what.limits),
+        lambda: loops(found.loops, "MPC", what.limits),
     )  # fmt: skip
+    leave_early(found.interrupted, limit)

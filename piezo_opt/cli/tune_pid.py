@@ -14,6 +14,8 @@ def pid(
 ) -> None:
     """Gains and derivative filter of a PID.
 
+    Ctrl-C and --max-time give the best so far.
+
     \b
     Examples:
       piezo-opt tune pid fit.json

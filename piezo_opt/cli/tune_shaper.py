@@ -6,6 +6,7 @@ from typing import Annotated
 
 from piezo_opt.cli.declare import Option
 from piezo_opt.cli.groups import grouped
+from piezo_opt.cli.limiting import limit_of, limited
 from piezo_opt.cli.telling import telling
 from piezo_opt.cli.tuning import Actuator, Result, plant, tune
 
@@ -39,14 +40,15 @@ def shaper(
     from piezo_opt.control import identified, tune_shaper
     from piezo_opt.report.control import shapers
 
+    limit = limit_of(result.max_time)
     result.check(fit)
     actuator = identified(fit)
-    with telling("Shaper") as tell:
+    with telling("Shaper") as tell, limited(limit):
         found = tune_shaper(
             actuator, allowed=allowed, delay=delay, spread=spread, scenarios=scenarios, seed=seed,
             progress=tell,
         )  # fmt: skip
     result.deliver(
         str(found), {**found.to_dict(), "plant": plant(actuator, fit)},
-        None if result.picture is None else shapers(found),
+        lambda: shapers(found),
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -36,7 +36,7 @@ SAMPLES = 200
 Actuator: TypeAlias = Annotated[
     Path,
     Argument(
-        metavar="FIT.json", help="JSON of a fit or diagnosis, a saved fit (.h5), or a model file.",
+        metavar="FIT.json", help="JSON of a fit or diagnosis, a saved fit (.h5), or a model file."
     ),
 ]  # fmt: skip
 
@@ -177,12 +177,13 @@ class Loop:
 @final
 @dataclass(frozen=True)
 class Result:
-    """Where the answer goes."""
+    """Where the answer goes, and when it is due."""
 
     json: o.Json = None
     picture: Annotated[
         Path | None, Option(metavar="OUT.png", help="The design as a picture: .png or .svg.")
     ] = None
+    max_time: o.MaxTime = None
     overwrite: o.Overwrite = False
 
     def check(self, *inputs: Path | None) -> None:
@@ -192,18 +193,13 @@ class Result:
             inputs=inputs,
         )  # fmt: skip
 
-    def deliver(self, told: str, data: Mapping[str, Any], figure: Any) -> None:
-        """Say it, and write what was asked for."""
+    def deliver(self, told: str, data: Mapping[str, Any], draw: Callable[[], Any]) -> None:
+        """Say it, then write what was asked for; the picture, which may fail, comes last."""
         echo(told)
         if self.json is not None:
             outputs.write_json(self.json, data, overwrite=self.overwrite)
-        if self.picture is not None and figure is not None:
-            from piezo_opt.files import replacing
-
-            with replacing(self.picture, overwrite=self.overwrite) as temporary:
-                figure.savefig(
-                    temporary, dpi=150, format=self.picture.suffix.lstrip(".").lower() or "png"
-                )
+        if self.picture is not None:
+            outputs.write_picture(self.picture, draw, overwrite=self.overwrite)
 
 
 @final

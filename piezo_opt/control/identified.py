@@ -11,6 +11,7 @@ from typing import TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_opt.choosing import expected
 from piezo_opt.effects import Model
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Fit, load_fit
@@ -88,6 +89,8 @@ def _identified(source: Source) -> Identified:
             source.model, source.values, source.names, source.covariance, source.question.bounds,
             float(record.step), (float(record.drive.min()), float(record.drive.max())), source.rms,
         )  # fmt: skip
+    if not isinstance(source, ModelFile):
+        expected((str, os.PathLike), source, "The plant", "a fit, a model, or a file of one")
     if not isinstance(source, ModelFile) and Path(source).suffix.lower() in (".h5", ".hdf5"):
         return _identified(load_fit(source))
     file = source if isinstance(source, ModelFile) else read_model(source)

@@ -42,6 +42,7 @@ class Feedforward:
         limits: of the drive.
         iterations: linearisations and programs.
         converged: whether no step promised anything at the end.
+        interrupted: whether Ctrl-C or a limit of time ended the search.
     """
 
     time: FloatArray
@@ -52,6 +53,7 @@ class Feedforward:
     limits: Limits
     iterations: int
     converged: bool
+    interrupted: bool = False
 
     @property
     def error(self) -> FloatArray:
@@ -97,6 +99,7 @@ class Feedforward:
             "largest": self.largest,
             "iterations": self.iterations,
             "converged": self.converged,
+            "interrupted": self.interrupted,
             "drive": self.drive.tolist(),
             "reference": self.reference.tolist(),
             "predicted": self.predicted.tolist(),
@@ -120,7 +123,7 @@ def optimal_feedforward(
 
     by a Gauss-Newton method in a box of trust: the model is linearised along the moves, exactly,
     with its loop, creep and every mode, and one quadratic program over the whole reference gives
-    the step. Y is the reference's span and U the drive that takes it.
+    the step. Y is the reference's span and U the drive that takes it. Ctrl-C gives the best so far.
 
     Args:
         plant: a fit, the JSON of one, or a model with ``values``. The drive comes as much earlier
@@ -156,14 +159,15 @@ def optimal_feedforward(
     late = asked.delay
     wanted = goals[1 + late :]
     search = _Search(model, x, begin, wanted, span, span / gain, effort, asked.limits)
-    w, count, converged = search.run(progress)
+    interrupted = search.run(progress)
+    w = search.w
     predicted = np.concatenate([np.full(1 + late, still), search.now.reading])
     # Sums of moves end at the limits but for their last digit.
     moved = np.clip(begin + np.cumsum(w), asked.limits.low, asked.limits.high)
     drive = np.append(moved, np.full(1 + late, moved[-1]))
     return Feedforward(
         asked.period * np.arange(goals.size, dtype=float), goals, predicted, drive, asked.period,
-        asked.limits, count, converged,
+        asked.limits, search.count, search.converged, interrupted,
     )  # fmt: skip
 
 
@@ -189,6 +193,7 @@ class _Search:
             w[k], drive = after - drive, after
         self.w = w
         self.now = self._along(w)
+        self.count, self.converged = 0, False
 
     def _along(self, w: FloatArray) -> Along:
         return self._model.along(0.0, self._x, self._begin, w)
@@ -197,18 +202,24 @@ class _Search:
         off = reading - self._wanted
         return 0.5 * float(self._weight * off @ off + self._price * w @ w)
 
-    def run(
-        self, progress: Callable[[str], None] | None
-    ) -> tuple[FloatArray, int, bool]:  # fmt: skip
-        """The moves (N,), how many programs it took, and whether it converged."""
+    def run(self, progress: Callable[[str], None] | None) -> bool:
+        """Better the moves until it converges; whether Ctrl-C ended that before."""
+        try:
+            self._run(progress)
+        except KeyboardInterrupt:
+            return True
+        return False
+
+    def _run(self, progress: Callable[[str], None] | None) -> None:
         cost, box = self._cost(self.w, self.now.reading), self._volts
-        for count in range(1, _MOST + 1):
+        for self.count in range(1, _MOST + 1):
             step = self._step(box)
             # What the linearisation promises.
             ahead = self._cost(self.w + step, self._linear(step))
             promised = cost - ahead
             if promised <= _ENOUGH * cost:
-                return self.w, count, True
+                self.converged = True
+                return
             trial = self._along(self.w + step)
             gained = cost - self._cost(self.w + step, trial.reading)
             size = float(np.abs(step).max())
@@ -220,8 +231,7 @@ class _Search:
                 self.w, self.now, cost = self.w + step, trial, cost - gained
             if progress is not None:
                 error = float(np.sqrt(np.mean((self.now.reading - self._wanted) ** 2)))
-                progress(f"iteration {count}, error {show(error, 'm')} rms")
-        return self.w, _MOST, False
+                progress(f"iteration {self.count}, error {show(error, 'm')} rms")
 
     def _step(self, box: float) -> FloatArray:
         """The change of the moves by one quadratic program, none of them larger than the box."""

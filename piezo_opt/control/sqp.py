@@ -27,6 +27,9 @@ PENALTY: Final = 30.0
 """Of one unit of a violated constraint. Cost (a logarithm) and constraints are relative numbers: it
 is exact where relaxing a limit by 1 % lowers the cost by less than 30 %."""
 
+MOST: Final = 60
+"""Evaluations of a search, unless it ends by itself."""
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -67,6 +70,7 @@ class Found:
         converged: whether it ended by itself.
         trace: cost of every accepted point that keeps the constraints (to 1e-3), with the number of
             evaluations until then.
+        interrupted: whether Ctrl-C or a limit of time ended it.
     """
 
     x: FloatArray
@@ -74,6 +78,7 @@ class Found:
     evaluations: int
     converged: bool
     trace: tuple[tuple[int, float], ...]
+    interrupted: bool = False
 
 
 def minimise(
@@ -84,10 +89,10 @@ def minimise(
     *,
     radius: float = 0.7,
     tolerance: float = 1e-4,
-    most: int = 60,
+    most: int = MOST,
     tell: Callable[[int, float], None] | None = None,
 ) -> Found:
-    """From a start to a minimum.
+    """From a start to a minimum; Ctrl-C gives the best so far.
 
     Args:
         evaluate: the function; None where it has no value, which refuses a step at no price.
@@ -104,35 +109,38 @@ def minimise(
         raise ArithmeticError("the function has no value at the start")
     count, box, penalty = 1, radius, PENALTY
     hessian, trace = now.hessian, [(1, now.cost)] if now.violation < 1e-3 else []
-    while count < most:
-        step, multipliers = _step(
-            now, hessian, np.maximum(low - x, -box), np.minimum(high - x, box)
-        )
-        promised = _merit(now, penalty) - _model(now, hessian, step, penalty)
-        if promised <= tolerance or box < 1e-4:
-            return Found(x, now, count, True, tuple(trace))
-        trial = evaluate(x + step)
-        if trial is None:
-            box = 0.4 * float(np.abs(step).max())
-            continue
-        count += 1
-        if not trial.finite:
-            box = 0.3 * float(np.abs(step).max())
-            continue
-        gained = _merit(now, penalty) - _merit(trial, penalty)
-        bend = trial.slope - now.slope + (trial.slopes - now.slopes).T @ multipliers
-        hessian = _updated(hessian, step, bend)
-        size = float(np.abs(step).max())
-        if gained > 0.75 * promised and size > 0.9 * box:
-            box = min(2.0 * box, 4.0)
-        elif gained < 0.25 * promised:
-            box = (0.5 if gained > 0.0 else 0.35) * size
-        if gained > 1e-3 * promised:
-            x, now = x + step, trial
-            if now.violation < 1e-3:
-                trace.append((count, now.cost))
-        if tell is not None:
-            tell(count, now.cost)
+    try:
+        while count < most:
+            step, multipliers = _step(
+                now, hessian, np.maximum(low - x, -box), np.minimum(high - x, box)
+            )
+            promised = _merit(now, penalty) - _model(now, hessian, step, penalty)
+            if promised <= tolerance or box < 1e-4:
+                return Found(x, now, count, True, tuple(trace))
+            trial = evaluate(x + step)
+            if trial is None:
+                box = 0.4 * float(np.abs(step).max())
+                continue
+            count += 1
+            if not trial.finite:
+                box = 0.3 * float(np.abs(step).max())
+                continue
+            gained = _merit(now, penalty) - _merit(trial, penalty)
+            bend = trial.slope - now.slope + (trial.slopes - now.slopes).T @ multipliers
+            hessian = _updated(hessian, step, bend)
+            size = float(np.abs(step).max())
+            if gained > 0.75 * promised and size > 0.9 * box:
+                box = min(2.0 * box, 4.0)
+            elif gained < 0.25 * promised:
+                box = (0.5 if gained > 0.0 else 0.35) * size
+            if gained > 1e-3 * promised:
+                x, now = x + step, trial
+                if now.violation < 1e-3:
+                    trace.append((count, now.cost))
+            if tell is not None:
+                tell(count, now.cost)
+    except KeyboardInterrupt:
+        return Found(x, now, count, False, tuple(trace), interrupted=True)
     return Found(x, now, count, False, tuple(trace))
 
 

@@ -16,7 +16,7 @@ from piezo_opt.control.loop_program import Family, Linear, LoopProgram
 from piezo_opt.control.margins import Margins, margins
 from piezo_opt.control.scenarios import scenarios as drawn
 from piezo_opt.control.simplex import simplex
-from piezo_opt.control.sqp import PENALTY, Found, minimise
+from piezo_opt.control.sqp import MOST, PENALTY, Found, minimise
 from piezo_opt.control.task import Task
 from piezo_opt.errors import InputError
 from piezo_opt.units import show
@@ -81,6 +81,8 @@ class Tuned(Generic[C]):
             driven it into its limits; linear margins do not tell.
         trace: simulations until then and cost over that of the start, of every point accepted.
         remarks: sentences on the plant, the design and the start.
+        interrupted: whether Ctrl-C or a limit of time ended the work; what was not done by then is
+            left out.
     """
 
     controller: C
@@ -103,6 +105,7 @@ class Tuned(Generic[C]):
     calm: bool
     trace: tuple[tuple[int, float], ...]
     remarks: tuple[str, ...] = ()
+    interrupted: bool = False
 
     def __str__(self) -> str:
         m, name = self.margins, self.criterion.value.upper()
@@ -123,9 +126,14 @@ class Tuned(Generic[C]):
             f"peak {m.peak:.3g}{asked}",
         ]
         if self.scenarios:
+            others = (
+                f"of {CHECKS} others {100 * self.violating:.1f} % violate a constraint"
+                if np.isfinite(self.violating)
+                else "it was not tried on others"
+            )
             lines.append(
                 f"{self.scenarios} actuators drawn from the fit's covariance (seed {self.seed}); "
-                f"of {CHECKS} others {100 * self.violating:.1f} % violate a constraint"
+                f"{others}"
             )
         if self.violation > 1e-3:
             lines.append(
@@ -169,6 +177,7 @@ class Tuned(Generic[C]):
             "seed": self.seed,
             "violating": self.violating,
             "converged": self.converged,
+            "interrupted": self.interrupted,
             "calm": self.calm,
             "remarks": list(self.remarks),
         }
@@ -185,7 +194,7 @@ def tune(
     """The best controller of a family for a task.
 
     Where a step or a fault of the sensor leaves the best loop swinging between the limits of its
-    drive, it is made softer until it comes to rest, and no further.
+    drive, it is made softer until it comes to rest, and no further. Ctrl-C gives the best so far.
 
     Args:
         what: the task.
@@ -199,18 +208,21 @@ def tune(
     """
     asked, plant = what.asked, what.plant
     own = _designed(what, family, start, simplex_only, progress)
-    swinging = None
-    if not own.calm and not simplex_only:
-        if progress is not None:
-            progress("a fault leaves the loop swinging: looking for one that comes to rest")
-        swinging, own = own.program.in_units(own.found.x), _calmed(own, what)
-    violating = float("nan")
-    if what.scenarios:
-        if progress is not None:
-            progress(f"checking {CHECKS} other actuators that the record allows")
-        # Seeds that no draw of the design has; judged by what was asked.
-        told = _program(what, family, CHECKS, asked.seed + _APART)
-        violating = float(np.mean(told.violated(own.found.x) > _KEPT))
+    swinging, violating = None, float("nan")
+    interrupted = own.found.interrupted
+    try:
+        if not own.calm and not simplex_only and not interrupted:
+            if progress is not None:
+                progress("a fault leaves the loop swinging: looking for one that comes to rest")
+            swinging, own = own.program.in_units(own.found.x), _calmed(own, what)
+        if what.scenarios and not interrupted:
+            if progress is not None:
+                progress(f"checking {CHECKS} other actuators that the record allows")
+            # Seeds that no draw of the design has; judged by what was asked.
+            told = _program(what, family, CHECKS, asked.seed + _APART)
+            violating = float(np.mean(told.violated(own.found.x) > _KEPT))
+    except KeyboardInterrupt:
+        interrupted = True
     linear = margins(
         plant.model, own.program.transfer(own.found.x), period=asked.period, delay=asked.delay,
         values=plant.numbers, at=asked.at,
@@ -226,7 +238,7 @@ def tune(
         own.program.in_units(own.found.x), own.cost_at_start, own.program.loops(own.controller),
         linear, asked.peak, swinging, own.found.valued.violation, own.spent, what.scenarios,
         asked.seed, violating, own.found.converged, own.calm, trace,
-        (*what.remarks, *own.program.family.remarks, *own.remarks),
+        (*what.remarks, *own.program.family.remarks, *own.remarks), interrupted,
     )  # fmt: skip
 
 
@@ -296,7 +308,7 @@ def _designed(
     """A search from a start as a user gives it, or from the family's guesses."""
     seed = what.asked.seed
     program = _program(what, family, what.scenarios, seed)
-    starts, spent = program.family.guesses(), 0
+    starts, spent, most = program.family.guesses(), 0, MOST
     said: tuple[str, ...] = ()
     if start is not None:
         starts = (program.family.unknowns(start),)
@@ -305,8 +317,11 @@ def _designed(
     elif what.scenarios:
         # Which start is better is asked of the fit's own values: a tenth of the price or less.
         lone = _program(what, family, 0, seed)
-        alone = [minimise(lone.evaluate, lone.stable(s), lone.low, lone.high) for s in starts]
+        alone = _until_interrupted(
+            lambda s: minimise(lone.evaluate, lone.stable(s), lone.low, lone.high), starts
+        )
         starts, spent = (_better(alone).x,), lone.simulations
+        most = 1 if alone[-1].interrupted else most
     begins = [program.stable(one) for one in starts]
     first = program.evaluate(begins[0])
     if first is None or not first.finite:
@@ -320,8 +335,16 @@ def _designed(
             progress(f"evaluation {count}, cost {np.exp(cost - base):.4g} of the start's")
 
     program.simulations = 0
-    search, function = (simplex, program.bare) if simplex_only else (minimise, program.evaluate)
-    found = _better([search(function, b, program.low, program.high, tell=tell) for b in begins])
+    low, high = program.low, program.high
+
+    def search(begin: FloatArray) -> Found:
+        if simplex_only:
+            return simplex(program.bare, begin, low, high, tell=tell)
+        return minimise(program.evaluate, begin, low, high, most=most, tell=tell)
+
+    ends = _until_interrupted(search, begins)
+    interrupted = ends[-1].interrupted or most == 1
+    found = replace(_better(ends), interrupted=interrupted)
     spent += program.simulations
     controller = replace(program.family.controller(found.x), largest=what.largest)
     return _Designed(
@@ -333,6 +356,18 @@ def _designed(
 def _own(draw: Mapping[str, float], numbers: Mapping[str, float]) -> dict[str, float]:
     """What of a draw belongs to the actuator."""
     return {k: v for k, v in draw.items() if k in numbers}
+
+
+def _until_interrupted(
+    search: Callable[[FloatArray], Found], starts: Sequence[FloatArray]
+) -> list[Found]:
+    """Searches from starts, one after the other; none after one that was interrupted."""
+    ends: list[Found] = []
+    for start in starts:
+        ends.append(search(start))
+        if ends[-1].interrupted:
+            break
+    return ends
 
 
 def _better(ends: Sequence[Found]) -> Found:

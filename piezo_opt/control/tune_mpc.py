@@ -62,6 +62,8 @@ class TunedMPC:
         calm: whether the loop comes to rest after a step, and after a fault of the sensor that has
             driven it into its limits.
         remarks: sentences on the plant.
+        interrupted: whether Ctrl-C or a limit of time ended the work; what was not done by then is
+            left out.
     """
 
     controller: MPC
@@ -80,6 +82,7 @@ class TunedMPC:
     others: FloatArray
     calm: bool
     remarks: tuple[str, ...] = ()
+    interrupted: bool = False
 
     def __str__(self) -> str:
         low = min(float(one.drive.min()) for one in self.loops)
@@ -114,6 +117,8 @@ class TunedMPC:
                 "A step or a fault of the sensor leaves it swinging between the limits of its "
                 "drive: sample faster, or take a longer horizon."
             )
+        if self.interrupted:
+            lines.append("The search was ended early: this is the best so far.")
         return "\n".join([*lines, *self.remarks])
 
     @property
@@ -138,6 +143,7 @@ class TunedMPC:
             "seed": self.seed,
             "others": self.others.tolist(),
             "calm": self.calm,
+            "interrupted": self.interrupted,
             "remarks": list(self.remarks),
         }  # fmt: skip
 
@@ -181,6 +187,8 @@ def tune_mpc(
         seed: of the draws, and of the noise.
         progress: told how it goes.
 
+    Ctrl-C gives the best so far.
+
     Raises:
         InputError: references that are none or that the limits or the stroke do not reach, or a
             delay as long as the horizon.
@@ -200,17 +208,7 @@ def tune_mpc(
             f"The delay of {what.asked.delay} periods is as long as the longest horizon of "
             f"{_HORIZONS[-1]}: give a longer horizon, or sample more slowly."
         )
-    errors = tuple((n, search.error(_START, n, 1)) for n in given)
-    best = min(e for _, e in errors)
-    length = next(n for n, e in errors if e <= _ENOUGH * best)
-    optimize.minimize(
-        search.error, _START, (length,), method="Nelder-Mead",
-        bounds=optimize.Bounds(_LOW, _HIGH),
-        options={"maxfev": _MOST, "xatol": 0.05, "fatol": 1e-12, "initial_simplex": (
-            _START + np.array([[0.0, 0.0], [-1.0, 0.0], [0.0, 0.5]])
-        )},
-    )  # fmt: skip
-    return search.told(length, errors)
+    return search.run(given)
 
 
 def _refuse_beyond(references: Sequence[FloatArray], stroke: tuple[float, float]) -> None:
@@ -221,6 +219,12 @@ def _refuse_beyond(references: Sequence[FloatArray], stroke: tuple[float, float]
                 f"{show(float(one.max()), 'm')}, and the stroke allows {show(stroke[0], 'm')} to "
                 f"{show(stroke[1], 'm')}: ask for less, or allow more."
             )
+
+
+def _shortest(errors: Sequence[tuple[int, float]]) -> int:
+    """Of horizons with their errors the shortest one that is nearly as good as the best."""
+    best = min(e for _, e in errors)
+    return next(n for n, e in errors if e <= _ENOUGH * best)
 
 
 @final
@@ -294,7 +298,33 @@ class _Search:
             seed=asked.seed + index,
         )  # fmt: skip
 
-    def told(self, horizon: int, horizons: tuple[tuple[int, float], ...]) -> TunedMPC:
+    def run(self, given: Sequence[int]) -> TunedMPC:
+        """The shortest of these horizons that does, and the best weights for it.
+
+        Raises:
+            KeyboardInterrupt: it came before the first horizon was judged.
+        """
+        errors: list[tuple[int, float]] = []
+        interrupted = False
+        try:
+            for n in given:
+                errors.append((n, self.error(_START, n, 1)))
+            optimize.minimize(
+                self.error, _START, (_shortest(errors),), method="Nelder-Mead",
+                bounds=optimize.Bounds(_LOW, _HIGH),
+                options={"maxfev": _MOST, "xatol": 0.05, "fatol": 1e-12, "initial_simplex": (
+                    _START + np.array([[0.0, 0.0], [-1.0, 0.0], [0.0, 0.5]])
+                )},
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            if not errors:
+                raise
+            interrupted = True
+        return self.told(_shortest(errors), tuple(errors), interrupted)
+
+    def told(
+        self, horizon: int, horizons: tuple[tuple[int, float], ...], interrupted: bool
+    ) -> TunedMPC:
         """The best controller, run on the fit's values and on others."""
         what, asked = self._what, self._what.asked
         x = self._best[1]
@@ -303,22 +333,21 @@ class _Search:
         numbers = what.plant.numbers
         loops = tuple(self._loop(c, numbers, k) for k, c in enumerate(clocks))  # type: ignore[arg-type]
         spent = np.concatenate([c.spent for c in clocks])
-        others = np.zeros(0)
-        if what.scenarios:
-            if self._progress is not None:
-                self._progress(f"checking {CHECKS} other actuators that the record allows")
-            others = np.array(
-                [
-                    self._loop(controllers[0], values, 0).rms
-                    for values in self._drawn(CHECKS, asked.seed + _APART)
-                ]
-            )
+        others: list[float] = []
+        try:
+            if what.scenarios and not interrupted:
+                if self._progress is not None:
+                    self._progress(f"checking {CHECKS} other actuators that the record allows")
+                for values in self._drawn(CHECKS, asked.seed + _APART):
+                    others.append(self._loop(controllers[0], values, 0).rms)
+        except KeyboardInterrupt:
+            interrupted = True
         middle, late = np.quantile(spent, (0.5, 0.99))
         return TunedMPC(
             controllers[0], asked.period, asked.limits, horizon, horizons, float(10.0 ** x[0]),
             self._filtered, self._drive_noise(x), loops, (float(middle), float(late)),
-            self._count + len(loops) + others.size, what.scenarios, asked.seed, others,
-            calm(self.controller(x, horizon, None), what), what.remarks,
+            self._count + len(loops) + len(others), what.scenarios, asked.seed, np.array(others),
+            calm(self.controller(x, horizon, None), what), what.remarks, interrupted,
         )  # fmt: skip
 
 

@@ -47,6 +47,12 @@ class Step:
     fit: Fit
 
     @property
+    def told(self) -> str:
+        """Its name, with the form that was added where it has several: dead_zone (backlash)."""
+        form = [k.replace("_", " ") for k, value in vars(self.effect).items() if value is True]
+        return f"{self.name} ({', '.join(form)})" if form else self.name
+
+    @property
     def group(self) -> tuple[str, ...]:
         """Names that this record cannot tell it from, itself first."""
         return tuple(self.alternatives)

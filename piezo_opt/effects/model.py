@@ -42,6 +42,8 @@ class Model:
         return model
 
     def __post_init__(self) -> None:
+        if not all(isinstance(pair, tuple) and len(pair) == 2 for pair in self.named):
+            raise ModelError("A model is a sum: write PiezoGain() + BoucWen(), or Model.of(...).")
         loops = [n for n, e in self.named if any(s.loop for s in e.declared_states.values())]
         if len(loops) > 1:
             raise ModelError(

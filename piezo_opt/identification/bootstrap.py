@@ -11,6 +11,7 @@ from typing import Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_opt.choosing import expected, whole
 from piezo_opt.errors import NO_FIT, InputError
 from piezo_opt.identification.blocks import block_length, drawn
 from piezo_opt.identification.log import Entry, Log, fingerprint
@@ -185,6 +186,9 @@ def bootstrap(
     Sources: Efron & Tibshirani (1993), An Introduction to the Bootstrap, ch. 9; Kunsch (1989),
     Annals of Statistics 17(3), 1217-1241 (blocks).
     """
+    expected(Fit, fit, "The fit", "what solve returns")
+    whole(replicates, "replicates", 0)
+    whole(seed, "seed", 0)
     if replicates < _FEWEST or (block is not None and block < 1):
         raise InputError(
             f"bootstrap(replicates={replicates}, block={block}): give at least {_FEWEST} "
@@ -212,14 +216,14 @@ def bootstrap(
                 progress(len(found), replicates)
     except KeyboardInterrupt:
         interrupted = True
-    whole = [found[i] for i in sorted(found)]
-    good = [e.arrays["theta"] for e in whole if not e.told["why"]]
+    ended = [found[i] for i in sorted(found)]
+    good = [e.arrays["theta"] for e in ended if not e.told["why"]]
     if len(good) < 2:
         if interrupted:
             raise KeyboardInterrupt
-        why = next((str(e.told["why"]) for e in whole), "interrupted")
+        why = next((str(e.told["why"]) for e in ended), "interrupted")
         raise InputError(f"bootstrap: no replicate could be fitted ({why}); look at the fit first.")
-    failed = tuple(str(e.told["why"]) for e in whole if e.told["why"])
+    failed = tuple(str(e.told["why"]) for e in ended if e.told["why"])
     return Bootstrap(fit, task.unknown.names, np.array(good), task.blocks, failed, interrupted)
 
 

@@ -11,7 +11,7 @@ from typing import final
 
 import numpy as np
 
-from piezo_opt.choosing import chosen, is_number, words
+from piezo_opt.choosing import chosen, expected, is_number, words
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, ModelError
 from piezo_opt.measurement import Campaign, Measurement
@@ -39,7 +39,7 @@ class Prior:
     std: float
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.mean) and np.isfinite(self.std) and self.std > 0):
+        if not (is_number(self.mean) and is_number(self.std) and self.std > 0):
             raise InputError(
                 f"Prior({self.mean}, {self.std}): the mean must be finite and the standard "
                 "deviation a positive number in the parameter's SI unit."
@@ -140,6 +140,10 @@ class Identification:
             raise InputError(f"loss is {self.loss!r}: give Loss(Shape.HUBER, scale=3e-8), say.")
         for what in ("free", "per_record", "weights"):
             words(getattr(self, what), what)
+        for what in ("values", "fixed", "bounds", "priors"):
+            expected(Mapping, getattr(self, what), what, f"numbers by name, {what}={{...}}")
+        for name, prior in self.priors.items():
+            expected(Prior, prior, f"The prior of '{name}'", "Prior(mean, std)")
         object.__setattr__(self, "records", campaign)
         for what, names in (
             ("values", self.values), ("fixed", self.fixed), ("free", self.free),
@@ -161,12 +165,14 @@ class Identification:
                 )
         for mapping in ("values", "fixed"):
             for name, number in getattr(self, mapping).items():
-                self._check_bounds(mapping, name, number)
+                self.check_bounds(mapping, name, number)
         if self.priors and self.noise is None:
             raise InputError(
                 "Priors weigh against the noise of the reading: give noise=... in metres "
                 "(record.noise_from_periods() where there are periods)."
             )
+        if self.noise is not None:
+            object.__setattr__(self, "noise", quantity(self.noise, "m"))
         if self.noise is not None and not self.noise > 0:
             raise InputError(f"noise is {self.noise}; give a positive length in metres.")
         positive = all(0.0 < w < np.inf for w in self.weights)
@@ -216,7 +222,12 @@ class Identification:
                     f"{', '.join((*self.model.parameters, *_starts(self.model)))}."
                 )
 
-    def _check_bounds(self, what: str, name: str, number: float) -> None:
+    def check_bounds(self, what: str, name: str, number: float) -> None:
+        """Refuse a number beyond the bounds of its parameter; a fit would begin elsewhere.
+
+        Raises:
+            InputError: it is.
+        """
         moved = self._moved(name, number)
         if abs(number - moved) > 1e-9 * max(abs(number), abs(moved)):
             unit = _unit(self.model, name)

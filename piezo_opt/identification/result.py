@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.chances import t_quantile
 from piezo_opt.effects.model import Model
+from piezo_opt.errors import InputError
 from piezo_opt.files import replacing
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Objective
@@ -158,8 +159,16 @@ class Fit:
                 scheme errs by up to 5e-5 of the stroke, which is enough to compare models.
 
         Raises:
-            InputError: the record lacks a channel that the model needs.
+            InputError: the record has other units, or lacks a channel that the model needs.
         """
+        first = self.records[0]
+        for what in ("drive_unit", "position_unit"):
+            mine, other = getattr(first, what), getattr(record, what)
+            if mine != other:
+                raise InputError(
+                    f"{record.name} has {what} {other} and the fit was made in {mine}: give a "
+                    "record of the same units"
+                )
         for index, own in enumerate(self.records):
             if _same_start(own, record):
                 question = self.question.with_records(record)

@@ -79,13 +79,19 @@ def solve(
         expected((Fit, Mapping), start, "start", "a fit, or values by name")
         if not isinstance(start, Fit | Values):  # theirs may be of a larger model
             question.check_names("start", start)
+            for name, number in Values(start).items():
+                question.check_bounds("start", name, number)
     for what, value, verb in (("transcription", transcription, "identify"), ("solver", solver, "")):
-        if isinstance(value, type) or (value is not None and verb and not hasattr(value, verb)):
+        if isinstance(value, type | str) or (
+            value is not None and verb and not hasattr(value, verb)
+        ):
             raise InputError(f"{what} is {value!r}: give one that is made, such as {_MADE[what]}.")
     whole(starts, "starts", 1)
     whole(seed, "seed", 0)
     if progress is not None and not callable(progress):
         raise InputError(f"progress is {progress!r}: give a function of one argument.")
+    if executor is not None and not hasattr(executor, "submit"):
+        raise InputError(f"executor is {executor!r}: give one of concurrent.futures or of Dask.")
     limit = TimeLimit(max_time)
     fit = _solved(
         question, transcription, solver, start, starts, seed, executor, log, progress, statistics,

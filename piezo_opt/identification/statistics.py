@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -213,6 +213,10 @@ def blind_spots(
     return tuple(sentences)
 
 
+_UNKNOWN: Final = 10.0
+"""Relative standard deviation beyond which its figure says no more than that nothing is known."""
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class _Component:
@@ -222,9 +226,12 @@ class _Component:
     directions: FloatArray
     """(directions, members), the largest entry of each 1."""
     spread: float
+    """Relative standard deviation of a lone member."""
     exact: bool
 
     def sentence(self, names: list[str]) -> str:
+        if len(names) == 1 and self.spread > _UNKNOWN:
+            return f"{names[0]} is not seen: its standard deviation is many times its value."
         if len(names) == 1:
             return (
                 f"{names[0]} is barely seen: its relative standard deviation is "
@@ -269,10 +276,11 @@ def _hidden(seen: FloatArray, sigma: float) -> list[_Component]:
             else:
                 apart.append((other, more))
         groups = [*apart, (members, lines)]
-    spread = sigma / max(float(strength[blind[0]]), 1e-300)
+    # Relative standard deviation of each unknown: sigma |row of the pseudo-inverse|.
+    spread = sigma * np.sqrt(np.sum((rows / np.maximum(strength, 1e-300)[:, None]) ** 2, axis=0))
     exact = bool(strength[blind[0]] < 1e-6 * strength[0])
     return [
-        _Component(tuple(sorted(m)), space[np.ix_(lines, sorted(m))], spread, exact)
+        _Component(tuple(sorted(m)), space[np.ix_(lines, sorted(m))], float(spread[min(m)]), exact)
         for m, lines in groups
     ]
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from piezo_opt.identification.outcome import Ending, Evaluations, Outcome, Trace
 from piezo_opt.identification.problem import Identification, Loss, Prior, Shape, Start
 from piezo_opt.identification.result import Fit, StartResult
 from piezo_opt.measurement import Campaign
-from piezo_opt.readers import read_campaign, write
+from piezo_opt.readers import HOLD_SEVERAL, read_campaign, write
 from piezo_opt.readers.memory import hdf5_in_memory
 from piezo_opt.simulation import Accuracy, Substeps
 from piezo_opt.values import Values
@@ -45,6 +46,9 @@ def save_fit(fit: Fit, path: str | os.PathLike[str], *, overwrite: bool = False)
         InputError: the file exists and ``overwrite`` is not given, or cannot be written.
     """
     expected(Fit, fit, "The fit", "what solve returns")
+    expected((str, os.PathLike), path, "The file", "its path")
+    if Path(path).suffix.lower() not in HOLD_SEVERAL:
+        raise InputError(f"{path}: a fit is written as {' or '.join(HOLD_SEVERAL)}: choose one")
     with replacing(path, overwrite=overwrite) as scratch:
         # The records' writer goes by the suffix and never overwrites.
         records = scratch.with_name(f"{scratch.name}.records.h5")

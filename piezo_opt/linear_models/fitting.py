@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final, final
 
 import numpy as np
 
+from piezo_opt.choosing import expected, whole, words
 from piezo_opt.comparison import Metrics
 from piezo_opt.comparison.metrics import measure
 from piezo_opt.errors import InputError
@@ -109,9 +110,15 @@ class OrderRow:
 @final
 @dataclass(frozen=True, eq=False)
 class OrderSearch:
-    """All orders that were tried, and the one to take."""
+    """All orders that were tried, and the one to take.
+
+    Attributes:
+        rows: one an order.
+        interrupted: whether Ctrl-C or a limit of time left orders untried.
+    """
 
     rows: tuple[OrderRow, ...]
+    interrupted: bool = False
 
     @property
     def best(self) -> TransferFit:
@@ -152,6 +159,7 @@ class OrderSearch:
                 }
                 for row in self.rows
             ],
+            "interrupted": self.interrupted,
             "best": self.best.to_dict(),
         }
 
@@ -169,8 +177,11 @@ def search_orders(
     stable: bool = True,
     start: Start = Start.FREE,
     detrend: Detrend = Detrend.OFFSET,
+    progress: Callable[[str], None] | None = None,
 ) -> OrderSearch:
     """Fit every order asked for and judge each on records that it has not seen.
+
+    Ctrl-C gives the orders that were finished.
 
     Args:
         records: to fit to.
@@ -179,11 +190,17 @@ def search_orders(
         poles, zeros: numbers to try; by default all zeros below the number of poles, and as many as
             poles under a held drive, which a reading may follow within the sample.
         stable, start, detrend: as in :func:`fit_transfer`.
+        progress: told which order is next.
 
     Raises:
         InputError: no order is left, or see :class:`LinearQuestion`.
     """
+    for what, numbers in (("poles", poles), ("zeros", zeros or ())):
+        words(numbers, what)
+        expected(Iterable, numbers, what, "a tuple of numbers, (1, 2)")
     several = sorted(set(poles))
+    for number in several:
+        whole(number, "A number of poles", 0)
     held = any(one.between is Between.HELD for one in Campaign.of(records).records)
     allowed = None if zeros is None else sorted(set(zeros))
     asked = [
@@ -197,11 +214,17 @@ def search_orders(
     most = max(n for n, _ in asked)
     question = LinearQuestion(records, most, most - 1, stable=stable, start=start, detrend=detrend)
     fitter = _Fitter(question, asked)
-    rows = []
-    for n, m in asked:
-        fit = fitter.fit(n, m)
-        judged = None
-        if test is not None:
-            judged = measure(predicted(fit, test), 0, held_out=True)
-        rows.append(OrderRow(fit, judged))
-    return OrderSearch(tuple(rows))
+    rows: list[OrderRow] = []
+    try:
+        for number, (n, m) in enumerate(asked, start=1):
+            if progress is not None:
+                progress(f"order {number} of {len(asked)}: {n} poles, {m} zeros")
+            fit = fitter.fit(n, m)
+            judged = None
+            if test is not None:
+                judged = measure(predicted(fit, test), 0, held_out=True)
+            rows.append(OrderRow(fit, judged))
+    except KeyboardInterrupt:
+        if not rows:
+            raise
+    return OrderSearch(tuple(rows), len(rows) < len(asked))

@@ -95,7 +95,8 @@ def order_table(search: OrderSearch) -> str:
             ]
         )
     widths = [max(len(line[k]) for line in lines) for k in range(len(header))]
-    return "\n".join(
+    table = "\n".join(
         "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
         for line in lines
     )
+    return f"{table}\nEnded early: these orders were finished." if search.interrupted else table

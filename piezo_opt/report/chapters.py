@@ -30,6 +30,8 @@ from piezo_opt.report.style import MODEL_COLOURS
 from piezo_opt.simulation import INITIAL
 from piezo_opt.units import show
 
+_UNKNOWN = 100.0
+"""Times a value that its interval reaches beyond it: then the record says nothing of it."""
 _MOST_RECORDS = 6
 """Records of one result that are drawn; the others are in its tables."""
 
@@ -257,7 +259,7 @@ def way_of(fit: Fit) -> list[Block]:
     if drawn is None:
         return []
     shown = Picture(drawn, "Every unknown by iteration, and the error.")
-    return [Folded("The way of the solver", (shown,))]
+    return [Folded("How the solver got there", (shown,))]
 
 
 def _row(fit: Fit, name: str) -> tuple[str, str, str, str, str]:
@@ -268,7 +270,8 @@ def _row(fit: Fit, name: str) -> tuple[str, str, str, str, str]:
         spread = "at bound"
     else:
         half = factor * (fit.interval(name)[1] - fit.values[name])
-        spread = f"{float(f'{half:.2g}'):g}"
+        known = half < _UNKNOWN * abs(factor * fit.values[name])
+        spread = f"{float(f'{half:.2g}'):g}" if known else "unknown"
     if name.startswith(INITIAL):
         meaning = "deviation from rest at the start"
     else:

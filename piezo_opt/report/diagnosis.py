@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from piezo_opt.comparison import Entry, compare
@@ -48,7 +49,7 @@ def _diagnosis(diagnosis: Diagnosis) -> list[Block]:
     entries = _before_and_after(diagnosis)
     return [
         Heading(f"Diagnosis of {named(diagnosis.fit.records)}: {_TOLD[diagnosis.verdict]}"),
-        Lead(diagnosis.headline, good=diagnosis.verdict != "unexplained"),
+        Lead(_headline(diagnosis), good=diagnosis.verdict != "unexplained"),
         Text(f"{diagnosis.noise.sentence} {diagnosis.held_out}".strip(), quiet=True),
         *_ladder(diagnosis),
         *_seen(entries),
@@ -61,6 +62,14 @@ def _diagnosis(diagnosis: Diagnosis) -> list[Block]:
         *_cannot_tell(diagnosis),
         *_advice(diagnosis),
     ]
+
+
+def _headline(diagnosis: Diagnosis) -> str:
+    """The diagnosis' own, with the field's name of an effect that has several forms."""
+    said = diagnosis.headline
+    for step in diagnosis.steps:
+        said = re.sub(rf"\b{re.escape(step.name)}\b", step.told, said, count=1)
+    return said
 
 
 def _before_and_after(diagnosis: Diagnosis) -> tuple[Entry, ...]:
@@ -121,9 +130,9 @@ def _suspects(diagnosis: Diagnosis) -> list[Block]:
                 ("effect", tuple(s.name for s in found)),
                 ("what it is", tuple(_meaning(s.name) for s in found)),
                 ("explains", tuple(f"{100 * s.score:.1f} %" for s in found)),
-                ("rms then", tuple(show(s.predicted_rms, "m") for s in found)),
+                ("rms with it", tuple(show(s.predicted_rms, "m") for s in found)),
                 ("visible", tuple(diagnosis_figures.percent(s.visibility) for s in found)),
-                ("by chance", tuple(f"{s.p_value:.1e}" for s in found)),
+                ("by chance", tuple(f"{s.p_value:.2g}" for s in found)),
                 ("alike", tuple(_alike(s.overlaps) for s in found)),
             ),
             prose=("what it is", "alike"),
@@ -162,7 +171,7 @@ def _ladder(diagnosis: Diagnosis) -> list[Block]:
     ]
     table = Table(
         (
-            ("added", tuple(s.name for s in steps)),
+            ("added", tuple(s.told for s in steps)),
             ("what it is", tuple(_meaning(s.name) for s in steps)),
             ("rms before", tuple(show(s.rms_before, "m") for s in steps)),
             ("rms after", tuple(show(s.rms_after, "m") for s in steps)),
@@ -176,8 +185,9 @@ def _ladder(diagnosis: Diagnosis) -> list[Block]:
         blocks += [
             table,
             Text(
-                "Held out: each part of the record as predicted from the others. BIC charges for "
-                "every further parameter: where it falls by ten or more, the step is worth it.",
+                "Held out: each part of the record as predicted from the others. BIC (Bayesian "
+                "information criterion) charges for every further parameter: where it falls, the "
+                "step is worth it, and by ten or more, that is sure.",
                 quiet=True,
             ),
         ]
@@ -267,22 +277,34 @@ def _cannot_tell(diagnosis: Diagnosis) -> list[Block]:
     hidden = [s.name for s in diagnosis.suspects if s.visibility < _BLIND and not s.score > 0.1]
     if hidden:
         said.append(
-            f"Less than {100 * _BLIND:.0f} % of the trace of {', '.join(hidden)} would be visible: "
-            "the fitted parameters take the rest."
+            f"Whether {' or '.join(hidden)} is there: other parameters of the model do more than "
+            f"{100 * (1 - _BLIND):.0f} % of what it would do."
         )
     said += diagnosis.final.blind
-    said += [f"Not looked at: {one.name}. {_capital(one.why)}" for one in diagnosis.unscored]
+    said += [
+        f"{one.name} was not looked at: {_less(one.name, one.why)}" for one in diagnosis.unscored
+    ]
     return [Heading("What this record cannot tell", 3), Points(tuple(said))] if said else []
 
 
-def _capital(sentence: str) -> str:
-    return sentence[:1].upper() + sentence[1:]
+def _less(name: str, why: str) -> str:
+    """A reason without the name that it begins with."""
+    before, colon, after = why.partition(": ")
+    if colon and name in before.split(", "):
+        return after
+    return f"it{why.removeprefix(name)}" if why.startswith(f"{name} ") else why
+
+
+def _advised(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """What to do, without what the record cannot tell, which has been said."""
+    said = ("cannot be told from", "could not have shown")
+    return tuple(one for one in diagnosis.advice if not any(words in one for words in said))
 
 
 def _advice(diagnosis: Diagnosis) -> list[Block]:
     blocks: list[Block] = []
-    if diagnosis.advice:
-        blocks += [Heading("What to do next", 3), Points(diagnosis.advice)]
+    if advised := _advised(diagnosis):
+        blocks += [Heading("What to do next", 3), Points(advised)]
     return [
         *blocks,
         *(Picture(diagnosis_figures.to_play(one), one.sentence) for one in diagnosis.experiments),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -32,6 +33,8 @@ _MOST_SUSPECTS = 12
 """Bars; the table below them has all candidates."""
 _APART = 0.15
 """Logarithm of fitted over held-out error from which both are written beside their points."""
+_TITLE = 72
+"""Letters of a title in one line."""
 _BINS = 16
 """Bins in which a correction is averaged over the signal that it depends on."""
 _LETTERS = 84
@@ -86,9 +89,9 @@ def ladder(diagnosis: Diagnosis) -> Figure | None:
             axis.set_ylim(0.0, 1.22 * top)
         for x, now, other in zip(place, factor * train, factor * held, strict=True):
             below = now < other
-            _beside(axis, float(x), float(now), f"{now:.3g} {unit}", BLUE, below=bool(below))
+            _beside(axis, float(x), float(now), f"{now:.4g} {unit}", BLUE, below=bool(below))
             if np.isfinite(other) and abs(np.log(other / now)) > _APART:
-                text = f"{other:.3g} {unit}"
+                text = f"{other:.4g} {unit}"
                 _beside(axis, float(x), float(other), text, VERMILLION, below=not below)
         axis.set_xticks(place, [_wrapped(p.label, _LETTERS // len(points)) for p in points])
         axis.set_xlim(-0.5, len(points) - 0.45)
@@ -246,5 +249,6 @@ def to_play(advice: Advice) -> Figure:
         axis.plot(seconds * time, values, color=GREY, linewidth=1.0)
         axis.set_xlabel(labelled("time", time_unit))
         axis.set_ylabel(labelled("drive", advice.drive.unit))
-        axis.set_title(advice.drive.description[:1].upper() + advice.drive.description[1:])
+        said = advice.drive.description
+        axis.set_title(fill(said[:1].upper() + said[1:], _TITLE))
         return made

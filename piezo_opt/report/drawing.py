@@ -104,7 +104,9 @@ def _trace(axis: Axes, trace: Trace) -> None:
     few = trace.x.size <= FEW
     match trace.style:
         case Style.LINE:
-            axis.plot(trace.x, trace.y, color=colour, linewidth=1.1, label=label)
+            # What was measured shows on both sides of a model that lies on it.
+            wide = 2.4 if trace.tone is Tone.INK else 1.1
+            axis.plot(trace.x, trace.y, color=colour, linewidth=wide, label=label)
         case Style.MARKED:
             # Of samples the points matter; of means the line that joins them.
             sampled = trace.tone is Tone.INK

@@ -40,7 +40,10 @@ def write_report(
         raise InputError("a report needs a result: write_report('report.html', fit)")
     if title is not None:
         expected(str, title, "title", "a text")
+    expected((str, os.PathLike), path, "The page", "its path")
     file = Path(path)
+    if file.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"{file}: a report is a page: name it .html")
     # Asked before anything is drawn; the file is put in place at the end.
     with replacing(file, overwrite=overwrite) as temporary:
         blocks = [block for result in together(results) for block in chapter(result)]

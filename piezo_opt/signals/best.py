@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 
+from piezo_opt.choosing import whole, words
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Fit
 from piezo_opt.signals.answer import Answer, draws
@@ -22,7 +23,7 @@ from piezo_opt.signals.planning import (
     slow_triangle,
     stroke_of,
 )
-from piezo_opt.signals.search import FORBIDDEN, search
+from piezo_opt.signals.search import EARLY, FORBIDDEN, search
 from piezo_opt.signals.usual import usual
 from piezo_opt.units import show
 
@@ -41,6 +42,7 @@ class BestDrive:
         units: SI unit of each.
         noise: of the reading that was assumed [m].
         evaluations: drives that were judged.
+        interrupted: whether Ctrl-C or a limit of time ended the search.
     """
 
     drive: Drive
@@ -51,6 +53,7 @@ class BestDrive:
     units: Mapping[str, str]
     noise: float
     evaluations: int
+    interrupted: bool = False
 
     @property
     def gain(self) -> float:
@@ -68,6 +71,7 @@ class BestDrive:
         return (
             f"Play {self.drive.description}: {', '.join(self.parameters)} will be known "
             f"{self.gain:.1f} times better than from a triangle of the same range and length."
+            f"{EARLY if self.interrupted else ''}"
         )
 
     def __str__(self) -> str:
@@ -97,6 +101,7 @@ class BestDrive:
             "of_triangle": dict(self.of_triangle),
             "over_draws": {n: list(both) for n, both in self.over_draws.items()},
             "evaluations": self.evaluations,
+            "interrupted": self.interrupted,
         }
 
 
@@ -116,6 +121,7 @@ def best_for(
     possible: int = 3,
     evaluations: int = 250,
     seed: int = 0,
+    progress: Callable[[str], None] | None = None,
 ) -> BestDrive:
     """The drive from which parameters of a fitted model are learnt best.
 
@@ -141,6 +147,9 @@ def best_for(
         possible: values that are averaged over, the fit's own among them.
         evaluations: drives judged in each family; only the usual ones where that is zero.
         seed: of the search.
+        progress: told how many drives were judged.
+
+    Ctrl-C gives the best so far.
 
     Raises:
         InputError: a parameter is not estimated, a number makes no sense, or the model cannot be
@@ -150,6 +159,10 @@ def best_for(
     over a distribution); Atkinson, Donev & Tobias (2007), Optimum Experimental Designs, with SAS,
     ch. 10 (D_s) and 18 (Bayesian D-optimality).
     """
+    words(parameters, "parameters")
+    whole(evaluations, "evaluations", 0)
+    whole(possible, "possible", 1)
+    whole(seed, "seed", 0)
     room = room_of(
         fit, duration=duration, slew=slew, highest=highest, low=low, high=high, rate=rate
     )
@@ -176,11 +189,11 @@ def best_for(
 
     found = search(
         families, room, merit, offered=usual(room, resonance_of(fit)), evaluations=evaluations,
-        seed=seed,
+        seed=seed, progress=progress,
     )  # fmt: skip
-    if not found:
+    if not found.best:
         raise InputError("the fitted model cannot be simulated on any drive of this range")
-    drive = found[0].drive
+    drive = found.best[0].drive
     answer.settle(drive.values)
     after = [deviations(answer, drive.values, wanted, sigma, numbers) for numbers in cases]
     told = [one for one in after if one is not None]
@@ -195,5 +208,6 @@ def best_for(
         over_draws={n: (min(o[n] for o in told), max(o[n] for o in told)) for n in wanted},
         units={n: fit.unit(n) for n in wanted},
         noise=sigma,
-        evaluations=sum(f.evaluations for f in found),
+        evaluations=found.evaluations,
+        interrupted=found.interrupted,
     )  # fmt: skip

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, final
 
 import numpy as np
 
+from piezo_opt.choosing import whole
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Fit
 from piezo_opt.signals.drive import Drive, FloatArray
@@ -21,7 +22,7 @@ from piezo_opt.signals.planning import (
     stroke_of,
 )
 from piezo_opt.signals.rivals import Rival, apart, confirmed
-from piezo_opt.signals.search import FORBIDDEN, search
+from piezo_opt.signals.search import EARLY, FORBIDDEN, search
 from piezo_opt.signals.usual import usual
 
 SURE: Final = 5.0
@@ -46,6 +47,7 @@ class DriveBetween:
             steps.
         noise: of the reading that was assumed [m].
         evaluations: drives that were judged.
+        interrupted: whether Ctrl-C or a limit of time ended the search.
     """
 
     drive: Drive
@@ -55,6 +57,7 @@ class DriveBetween:
     of_triangle: float
     noise: float
     evaluations: int
+    interrupted: bool = False
 
     @property
     def sentence(self) -> str:
@@ -63,8 +66,11 @@ class DriveBetween:
         return (
             f"Play {self.drive.description}: it separates {self.closest[0]} and {self.closest[1]}, "
             f"the two most alike, by {self.sigmas:.1f} sigmas; a triangle of the same range and "
-            f"length by {self.of_triangle:.1f}.{doubt}"
+            f"length by {self.of_triangle:.1f}.{doubt}{EARLY if self.interrupted else ''}"
         )
+
+    def __str__(self) -> str:
+        return self.sentence
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, SI units."""
@@ -79,6 +85,7 @@ class DriveBetween:
             "of_triangle": self.of_triangle,
             "noise": self.noise,
             "evaluations": self.evaluations,
+            "interrupted": self.interrupted,
         }
 
 
@@ -97,6 +104,7 @@ def best_between(
     possible: int = 3,
     evaluations: int = 250,
     seed: int = 0,
+    progress: Callable[[str], None] | None = None,
 ) -> DriveBetween:
     """The drive on which models that fit the same records are farthest apart.
 
@@ -124,6 +132,9 @@ def best_between(
         possible: values of each true model that are considered, the fit's own among them.
         evaluations: drives judged in each family; only the usual ones where that is zero.
         seed: of the search.
+        progress: told how many drives were judged.
+
+    Ctrl-C gives the best so far.
 
     Raises:
         InputError: fewer than two models, a number that makes no sense, or no drive on which they
@@ -137,6 +148,9 @@ def best_between(
         raise InputError("one model has nothing to be told apart from: give two fits")
     first = next(iter(named.values()))
     sigma = min(noise_of(f, noise) for f in named.values())
+    whole(evaluations, "evaluations", 0)
+    whole(possible, "possible", 1)
+    whole(seed, "seed", 0)
     room = room_of(
         first, duration=duration, slew=slew, highest=highest, low=low, high=high, rate=rate
     )
@@ -159,13 +173,14 @@ def best_between(
 
     found = search(
         families, room, merit, offered=usual(room, resonance_of(first)), evaluations=evaluations,
-        seed=seed,
+        seed=seed, progress=progress,
     )  # fmt: skip
-    if not found:
+    if not found.best:
         raise InputError("the fitted models cannot be simulated on any drive of this range")
-    best, told = found[0].drive, confirmed(rivals, found[0].drive.values, sigma)
-    for one in found[1:_CONFIRMED]:
-        if one.merit > told[0]:
+    best = found.best[0].drive
+    told = confirmed(rivals, best.values, sigma)
+    for one in found.best[1:_CONFIRMED]:
+        if one.merit > told[0] and not found.interrupted:
             again = confirmed(rivals, one.drive.values, sigma)
             best, told = max((best, told), (one.drive, again), key=lambda pair: pair[1][0])
     plain = apart(rivals, plain_drive, sigma, {n: r.truths(plain_drive) for n, r in rivals.items()})
@@ -176,7 +191,8 @@ def best_between(
         closest=told[1],
         of_triangle=min(plain.values()) if plain else 0.0,
         noise=sigma,
-        evaluations=sum(f.evaluations for f in found),
+        evaluations=found.evaluations,
+        interrupted=found.interrupted,
     )  # fmt: skip
 
 

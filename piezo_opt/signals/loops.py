@@ -164,7 +164,7 @@ def decaying_triangles(
     return Drive(
         f"decaying_{count}_triangles",
         f"{count} triangles from {low:.4g} {unit}, tops falling from {high:.4g} {unit}, {minor} "
-        f"minor loops each, {frequency:.4g} Hz"
+        f"minor loop{'' if minor == 1 else 's'} each, {frequency:.4g} Hz"
         + (f", holds of {show(hold, 's')}" if hold > 0.0 else ""),
         low + (high - low) * np.interp(time, at, level),
         rate,

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from piezo_opt import datasets
+from piezo_opt import datasets, demo
 from piezo_opt.cli import app
 from piezo_opt.cli import solving as solving_module
 from piezo_opt.errors import InputError
@@ -29,6 +29,7 @@ from piezo_opt.identification import (
 )
 from piezo_opt.measurement import Measurement
 from piezo_opt.readers import read, write
+from piezo_opt.report import write_report
 
 COMMAND = Path(sys.executable).with_name("piezo-opt")
 
@@ -72,6 +73,14 @@ def test_an_input_is_never_an_output(loop: Path, plain: Path, tmp_path: Path) ->
     refused(run("compare", loop, "--test", loop, "--json", loop, "--overwrite"), "--json")
     refused(run("report", loop, "--out", loop, "--overwrite"), "read by this command")
     refused(run("check", loop, "--json", loop, "--overwrite"), "read by this command")
+    refused(run("linear", loop, "--json", loop, "--overwrite"), "read by this command")
+    refused(run("signal", "best", loop, "--out", loop, "--overwrite"), "read by this command")
+    refused(
+        run("signal", "between", loop, "--model", plain, "--model", loop, "--json", plain,
+            "--overwrite"),
+        "read by this command",
+    )  # fmt: skip
+    refused(run("export", "fmu", plain, "--out", plain, "--overwrite"), "read by this command")
     refused(
         run("simulate", loop, "--model", plain, "--out", loop, "--overwrite"),
         "read by this command",
@@ -82,6 +91,20 @@ def test_an_input_is_never_an_output(loop: Path, plain: Path, tmp_path: Path) ->
     )
     assert (loop.read_bytes(), plain.read_bytes()) == (record, model)
     assert mine.read_text() == "# nothing\n"
+
+
+def test_the_name_says_what_is_written(loop: Path, tmp_path: Path) -> None:
+    for out in ("page.pdf", "page", "page.json"):
+        refused(run("fit", loop, "--report", tmp_path / out), "written as .html or .htm")
+        refused(run("report", loop, "--out", tmp_path / out), "written as .html or .htm")
+    refused(run("signal", "triangle", "--picture", tmp_path / "a.html"), "written as .png or .svg")
+    with pytest.raises(InputError, match="a report is a page"):
+        write_report(tmp_path / "page.pdf", object())
+    with pytest.raises(InputError, match="a fit is written as"):
+        save_fit(solve(demo.question()), tmp_path / "fit.csv")
+    with pytest.raises(InputError, match="overwrite is 'no'"):
+        write(read(loop), loop, overwrite="no")  # type: ignore[arg-type]
+    assert {one.name for one in tmp_path.iterdir()} == {"loop.csv"}
 
 
 def test_a_device_is_no_file(loop: Path, tmp_path: Path) -> None:

@@ -64,6 +64,53 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "poles": (lambda f: po.fit_transfer(f.records[0], poles=1.5), "poles is 1.5"),  # type: ignore[arg-type]
     "plus": (lambda f: f.model + effects.Creep, r"Creep is a class: write Creep\(\)"),
     "sum": (lambda f: f.model + 3, "3 is no effect"),
+    "name": (lambda f: f.records[0].rename(None), "name is None: give a text"),  # type: ignore[arg-type]
+    "note": (lambda f: f.records[0].with_(notes=(1,)), "A note is 1: give a sentence"),
+    "notes": (lambda f: f.records[0].with_(notes=None), "notes is None"),
+    "stuck": (lambda f: f.records[0].with_(allow_saturated="no"), "give True or False"),
+    "begins": (
+        lambda f: f.records[0].with_(startup=None),
+        "hysteresis: startup: None is no number",
+    ),
+    "repeats": (lambda f: f.records[0].with_(period=[1.0]), "period: .* is no number"),
+    "truth": (lambda f: f.records[0].with_(period=True), "period: True is no number"),
+    "letters of records": (lambda _: po.Campaign("ab"), "'a' is no record"),  # type: ignore[arg-type]
+    "campaign": (lambda _: po.read_campaign(None), "The file is None"),  # type: ignore[arg-type]
+    "nowhere": (lambda f: po.write(f.records[0], None), "The file is None"),  # type: ignore[arg-type]
+    "no question's fit": (lambda _: po.load_fit(None), "The file is None"),  # type: ignore[arg-type]
+    "list": (lambda _: po.Model([effects.PiezoGain()]), "A model is a sum"),  # type: ignore[arg-type]
+    "fixed": (
+        lambda f: _asked(f, fixed="bouc_wen.n"),
+        "fixed is 'bouc_wen.n': give numbers by name",
+    ),
+    "prior": (
+        lambda f: _asked(f, priors={"bouc_wen.beta": 3}, noise=1e-8),
+        "prior of 'bouc_wen.beta' is 3",
+    ),
+    "mean": (lambda _: po.Prior("1", "2"), "Prior.1, 2.: the mean must be finite"),  # type: ignore[arg-type]
+    "noise": (lambda f: _asked(f, noise=True), "True is no number"),
+    "noise in volts": (lambda f: _asked(f, noise="5 V"), "'5 V' is not a quantity in m"),
+    "true value": (lambda f: _asked(f, values={"piezo_gain.d": True}), "give a finite number"),
+    "beyond": (
+        lambda f: po.solve(f.question, start={"bouc_wen.beta": -1e9}),
+        "start: 'bouc_wen.beta' is -1e.09 1/V, beyond its bound",
+    ),
+    "helpers": (
+        lambda f: po.solve(f.question, starts=2, executor=2),  # type: ignore[arg-type]
+        "executor is 2: give one of concurrent",
+    ),
+    "solver's name": (lambda f: po.solve(f.question, solver="lm"), "give one that is made"),
+    "replicates": (lambda f: po.bootstrap(f, 20.5), "replicates is 20.5"),  # type: ignore[arg-type]
+    "replicates' seed": (lambda f: po.bootstrap(f, 20, seed=-1), "seed is -1"),
+    "other units": (
+        lambda f: po.compare(f, on=f.records[0].with_(position_unit="rad")),
+        "hysteresis has position_unit rad and the fit was made in m",
+    ),
+    "orders": (lambda f: po.search_orders(f.records[0], poles="12"), "poles is the text '12'"),  # type: ignore[arg-type]
+    "drives": (lambda f: po.signals.best_for(f, evaluations=-1), "evaluations is -1"),
+    "meant": (lambda f: po.signals.best_for(f, "bouc_wen.beta"), "parameters is the text"),
+    "plant": (lambda _: po.tune_pid(None, [0.0, 1e-6]), "The plant is None"),  # type: ignore[arg-type]
+    "numbers": (lambda _: po.Values([1, 2]), "give numbers by name"),  # type: ignore[arg-type]
     "source": (lambda _: po.export_c(None, "x"), "The source is None"),  # type: ignore[arg-type]
 }
 

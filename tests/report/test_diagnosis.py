@@ -180,7 +180,10 @@ def test_other_laws_are_shown_where_they_were_compared(creeping: Diagnosis) -> N
 def test_a_page_of_the_thesis_loop(loop: Diagnosis, tmp_path: Path) -> None:
     page = write_report(tmp_path / "loop.html", loop)
     text = unescape(page.read_text(encoding="utf-8"))
-    assert loop.headline.replace("um", "µm") in text
+    first = loop.steps[0]
+    assert first.told != first.name
+    # The form of the effect that was added stands beside its name.
+    assert loop.headline.replace("um", "µm").replace(first.name, first.told, 1) in text
     rivals = ", ".join(loop.steps[0].group[1:])
     assert f"{loop.steps[0].name} and {rivals} explain it equally well" in text
     # The drives that would split them are drawn.
@@ -189,4 +192,4 @@ def test_a_page_of_the_thesis_loop(loop: Diagnosis, tmp_path: Path) -> None:
         assert experiment.sentence in text
     for name in loop.final.names:
         assert f"<td>{name}</td>" in text
-    assert "Not looked at: temperature" in text
+    assert "temperature was not looked at: it needs the recorded channel" in text
