@@ -12,7 +12,8 @@ from typing import final
 
 from piezo_opt.assembly import check_effect
 from piezo_opt.effects import Effect
-from piezo_opt.effects.promises import in_words, line_of
+from piezo_opt.effects.catalogue import CATALOGUE
+from piezo_opt.effects.promises import first_line, in_words, line_of
 from piezo_opt.errors import InputError, ModelError
 
 
@@ -69,7 +70,14 @@ def read_candidates(path: Path) -> Candidates:
             try:
                 check_effect(effect)
             except ModelError as error:
-                raise InputError(f"--candidates {error}") from error
+                placed = ", line " in str(error)
+                where = "" if placed else f"{first_line(effect)}: "
+                raise InputError(f"--candidates {where}{error}") from error
+            if effect.name in CATALOGUE:
+                raise InputError(
+                    f"--candidates {first_line(effect)}: the catalogue has an effect called "
+                    f"{effect.name}: give the class another name"
+                )
         effects += own
     return Candidates(tuple(effects), tuple(remarks))
 

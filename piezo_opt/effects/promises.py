@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -52,6 +52,11 @@ def equations_of(name: str, effect: Effect, chain: Chain, x: Symbols, p: Symbols
     Raises:
         ModelError: its own code raised, or returned something else than `Equations`.
     """
+    if not callable(effect.equations):
+        raise ModelError(
+            f"{name}: {first_line(effect)}: equations is {_kind(effect.equations)}: write a "
+            "method, def equations(self, chain, x, p)."
+        )
     try:
         with warnings.catch_warnings():
             # Of numpy's functions on symbols, which still work.
@@ -63,9 +68,16 @@ def equations_of(name: str, effect: Effect, chain: Chain, x: Symbols, p: Symbols
         raise ModelError(f"{name}: {_line_of(effect, error)}: {in_words(error)}") from error
     if not isinstance(said, Equations):
         raise ModelError(
-            f"{name}: {_first_line(effect)}: equations() returned {_kind(said)}: "
+            f"{name}: {first_line(effect)}: equations() returned {_kind(said)}: "
             "return Equations(gives=...)."
         )
+    for part in ("moves", "starts", "becomes"):
+        if not isinstance(getattr(said, part), Mapping):
+            raise ModelError(
+                f"{name}: {first_line(effect)}: equations() returned "
+                f"{_kind(getattr(said, part))} as {part}: give expressions by state, "
+                f"{part}={{'z': ...}}."
+            )
     return said
 
 
@@ -79,7 +91,13 @@ def check_promises(effect: Effect, assembled: Callable[[Model], Assembled]) -> N
     Raises:
         ModelError: names what is not kept, with the line of the effect's own file.
     """
-    where = f"{effect.name}: {_first_line(effect)}"
+    where = f"{effect.name}: {first_line(effect)}"
+    for need in (effect.requires,) if isinstance(effect.requires, str) else effect.requires:
+        if isinstance(effect.requires, str) or not _is_need(need):
+            raise ModelError(
+                f"{where}: requires is {effect.requires!r}: write a tuple of 'loop', 'motion' or "
+                "'channel:NAME', such as ('motion',)."
+            )
     for name, unit in (
         *((k, p.unit) for k, p in effect.parameters.items()),
         *((k, s.unit) for k, s in effect.declared_states.items()),
@@ -132,6 +150,10 @@ def _compare(where: str, told: tuple[str, ...], gate: str, own: Any, plain: Any)
             )
 
 
+def _is_need(need: object) -> bool:
+    return isinstance(need, str) and (need in ("loop", "motion") or need.startswith("channel:"))
+
+
 def _drawn(random: np.random.Generator, parameter: Any) -> float:
     """A number of the range that is typical, or near the nominal one."""
     low, high = parameter.typical or sorted((0.5 * parameter.nominal, 1.5 * parameter.nominal))
@@ -171,7 +193,8 @@ def in_words(error: BaseException) -> str:
 def line_of(file: str, error: BaseException) -> str:
     """``FILE, line N``, the last line of a file on the way to an error."""
     if isinstance(error, SyntaxError):
-        return f"{error.filename or file}, line {error.lineno}"
+        where = error.filename or file
+        return where if error.lineno is None else f"{where}, line {error.lineno}"
     # A traceback may have the whole path where the user gave a relative one.
     own = Path(file).resolve()
     frames = traceback.extract_tb(error.__traceback__)
@@ -183,13 +206,14 @@ def _line_of(effect: Effect, error: BaseException) -> str:
     return line_of(type(effect).equations.__code__.co_filename, error)
 
 
-def _first_line(effect: Effect) -> str:
+def first_line(effect: Effect) -> str:
     """Where the effect's class begins, or its equations where the source is not at hand."""
-    code = type(effect).equations.__code__
     try:
-        return f"{code.co_filename}, line {inspect.getsourcelines(type(effect))[1]}"
+        file, line = inspect.getsourcefile(type(effect)), inspect.getsourcelines(type(effect))[1]
     except (OSError, TypeError):
-        return f"{code.co_filename}, line {code.co_firstlineno}"
+        code = type(effect).equations.__code__
+        file, line = code.co_filename, code.co_firstlineno
+    return f"{file}, line {line}"
 
 
 def _kind(value: object) -> str:

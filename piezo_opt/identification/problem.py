@@ -171,9 +171,9 @@ class Identification:
                 "Priors weigh against the noise of the reading: give noise=... in metres "
                 "(record.noise_from_periods() where there are periods)."
             )
-        if self.noise is not None:
+        if isinstance(self.noise, str):
             object.__setattr__(self, "noise", quantity(self.noise, "m"))
-        if self.noise is not None and not self.noise > 0:
+        if self.noise is not None and not (is_number(self.noise) and self.noise > 0):
             raise InputError(f"noise is {self.noise}; give a positive length in metres.")
         positive = all(0.0 < w < np.inf for w in self.weights)
         if self.weights and (len(self.weights) != len(campaign.records) or not positive):

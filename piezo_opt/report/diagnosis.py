@@ -69,6 +69,8 @@ def _headline(diagnosis: Diagnosis) -> str:
     said = diagnosis.headline
     for step in diagnosis.steps:
         said = re.sub(rf"\b{re.escape(step.name)}\b", step.told, said, count=1)
+        # Its form and what it may be instead stand in one pair of brackets.
+        said = said.replace(f"{step.told} (or ", f"{step.told} (or ".replace(") (or ", "; or "))
     return said
 
 

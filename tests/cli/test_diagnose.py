@@ -207,6 +207,13 @@ GIVEN, AT = "p.k * chain.drive.value**3", HEAD.count("\n") + 9
         (_changed(GIVEN, f"1e-7 + {GIVEN}"), AT - 7, "does not vanish at its null, k = 0"),
         (_changed(GIVEN, "chain.drive.value / p.k"), AT - 7, "must be finite"),
         (_changed(GIVEN, "__import__('math').sin(p.k)"), AT - 7, "not of math"),
+        (_changed(GIVEN, "'much'"), AT - 7, "returned 'much' as gives"),
+        (_changed(GIVEN, f"{GIVEN}, moves={{'q': 1.0}}"), AT - 7, "declare q = State(...)"),
+        (_changed(GIVEN, f"{GIVEN}, moves=[1.0]"), AT - 7, "returned a list as moves"),
+        (_changed("STRAIN", "INPUT"), AT - 7, "on a line chain.incoming"),
+        (_changed("STRAIN", "STRAIN\n    requires = 'loop'"), AT - 7, "write a tuple of 'loop'"),
+        (_changed("STRAIN", "STRAIN\n    requires = ('moon',)"), AT - 7, "'channel:NAME'"),
+        (_changed("class CubedDrive", "class Creep"), AT - 7, "give the class another name"),
         (_changed("m/V^3", "furlong"), AT - 7, "'furlong' of 'k' is no SI unit"),
         (_changed("m/V^3", "m/W00t"), AT - 7, "unknown unit 'm/W00t'"),
     ],
@@ -225,9 +232,6 @@ def test_what_else_a_candidates_file_may_lack(tmp_path: Path) -> None:
         ("x = 1\n", "no effect"),
         (_changed("@dataclass(frozen=True)", "@dataclass"), "no frozen dataclass"),
         (_changed("@dataclass(frozen=True)", ""), "no frozen dataclass"),
-        (_changed(GIVEN, "'much'"), "returned 'much' as gives"),
-        (_changed(GIVEN, f"{GIVEN}, moves={{'q': 1.0}}"), "declare q = State(...)"),
-        (_changed("STRAIN", "INPUT"), "on a line chain.incoming"),
     ):
         file.write_text(text)
         refused(run("diagnose", LOOP, "--candidates", file), "--candidates", said)

@@ -88,7 +88,7 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
         "prior of 'bouc_wen.beta' is 3",
     ),
     "mean": (lambda _: po.Prior("1", "2"), "Prior.1, 2.: the mean must be finite"),  # type: ignore[arg-type]
-    "noise": (lambda f: _asked(f, noise=True), "True is no number"),
+    "noise": (lambda f: _asked(f, noise=True), "noise is True; give a positive"),
     "noise in volts": (lambda f: _asked(f, noise="5 V"), "'5 V' is not a quantity in m"),
     "true value": (lambda f: _asked(f, values={"piezo_gain.d": True}), "give a finite number"),
     "beyond": (
