@@ -49,7 +49,7 @@ def cache_directory() -> Path:
 
 
 def own_directory() -> Path:
-    """The cache directory, made for its user alone where it is missing.
+    """The cache directory, made or set to be for its user alone.
 
     Raises:
         InputError: it belongs to another user, others can write there, or it is a file.
@@ -75,7 +75,24 @@ def own_directory() -> Path:
             f"Others can write to the cache {directory}, and what lies in it is executed: remove "
             "it, or set PIEZO_OPT_CACHE to a directory that only you can write to."
         )
+    if found.st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+        directory.chmod(stat.S_IRWXU)
+        _remove_planted(directory)
     return directory
+
+
+def _remove_planted(directory: Path) -> None:
+    """What others could write to, while they could enter, is not to be believed."""
+    for child in _children(directory):
+        with contextlib.suppress(OSError):
+            found = child.lstat()
+            open_to_others = found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+            if found.st_uid == os.getuid() and not open_to_others:
+                continue
+            if stat.S_ISDIR(found.st_mode):
+                shutil.rmtree(child, ignore_errors=True)
+            else:
+                child.unlink()
 
 
 def used(path: Path) -> None:

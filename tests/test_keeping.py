@@ -102,6 +102,28 @@ def test_the_directory_is_the_user_s_alone(cache: Path) -> None:
     assert len(files(cache)) == 1
 
 
+def test_a_directory_that_others_can_enter_is_closed_and_what_they_could_write_goes(
+    cache: Path,
+) -> None:
+    maker = Maker()
+    maker.asked("3", kind="mine")
+    maker.asked("3", kind="open")
+    for name, mode in (("mine", 0o755), ("open", 0o777)):
+        (cache / name).chmod(mode)
+    link = cache / "link"
+    link.symlink_to(cache / "mine")
+    cache.chmod(0o755)
+    assert own_directory() == cache
+    assert cache.stat().st_mode & 0o777 == 0o700
+    assert (cache / "mine").is_dir()
+    assert not (cache / "open").exists()
+    made = maker.made
+    assert maker.asked("3", kind="mine") == 9
+    assert maker.made == made
+    assert maker.asked("3", kind="open") == 9
+    assert maker.made == made + 1
+
+
 @pytest.mark.parametrize("below", ["", "folder"])
 def test_a_cache_that_is_a_file_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, below: str
