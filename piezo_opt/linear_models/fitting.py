@@ -70,7 +70,8 @@ class _Fitter:
             Prepared.of(one, question, self._scale) for one in question.records.records
         )
         needed = {k for n, m in orders for k in range(min(m + 1, n), n + 1)}
-        self._chains = chains(question, self._records, needed)
+        self._growing = chains(question, self._records, needed)
+        self._chains: dict[int, list[Poles]] = {}
         self._found: dict[tuple[int, int], Poles] = {}
 
     def fit(self, poles: int, zeros: int) -> TransferFit:
@@ -82,6 +83,9 @@ class _Fitter:
         known = self._found.get((poles, zeros))
         if known is None:
             question = self._question.with_order(poles, zeros)
+            while poles not in self._chains:
+                order, found = next(self._growing)
+                self._chains[order] = found
             begins = list(self._chains[poles])
             # Chains are found with n - 1 zeros; with fewer, one pole less is a start, too.
             if poles > zeros + 1:
@@ -218,7 +222,7 @@ def search_orders(
     try:
         for number, (n, m) in enumerate(asked, start=1):
             if progress is not None:
-                progress(f"order {number} of {len(asked)}: {n} poles, {m} zeros")
+                progress(f"order {number} of {len(asked)}: {n} poles and {m} zeros")
             fit = fitter.fit(n, m)
             judged = None
             if test is not None:

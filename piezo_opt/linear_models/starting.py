@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final, final
 
@@ -46,11 +46,11 @@ class _Trial:
 
 def chains(
     question: LinearQuestion, records: tuple[Prepared, ...], orders: Iterable[int]
-) -> dict[int, list[Poles]]:
-    """For each of these orders the best chains found, best first, with n - 1 zeros.
+) -> Iterator[tuple[int, list[Poles]]]:
+    """Orders up to these, ascending, and the best chains found, best first, with n - 1 zeros.
 
-    Even orders grow by sections of second order; an odd one is the even one below it and a first
-    order section.
+    Each is sought when it is asked for. Even orders grow by sections of second order; an odd one is
+    the even one below it and a first order section.
     """
     rows = _rows(records)
     most = max(orders)
@@ -79,7 +79,7 @@ def chains(
                 )
         grown.sort(key=lambda one: one.cost)
         found[n] = _different(grown)[:_WIDTH]
-    return found
+        yield n, found[n]
 
 
 def _rows(records: tuple[Prepared, ...]) -> list[Rows]:
