@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -39,8 +40,20 @@ class Reading:
     decimal: o.Decimal = None
 
     def records(self, paths: Sequence[Path]) -> Campaign:
-        """Every record of these files; of a file with several records all, or the one named."""
-        return Campaign.of([record for path in paths for record in self._one(path)])
+        """Every record of these files; of a file with several records all, or the one named.
+
+        Records of one name, out of several folders, are called by folder and name.
+        """
+        found = [(path, record) for path in paths for record in self._one(path)]
+        counted = Counter(record.name for _, record in found)
+        return Campaign.of(
+            [
+                one.rename(f"{path.absolute().parent.name}/{one.name}")
+                if counted[one.name] > 1
+                else one
+                for path, one in found
+            ]
+        )
 
     def single(self, path: Path) -> Measurement:
         """The one record of this file, or the one named; several are refused."""

@@ -13,9 +13,12 @@ from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.declare import Commands, Option, echo
 from piezo_opt.errors import InputError
+from piezo_opt.readers import HOLD_SEVERAL
 from piezo_opt.units import quantity
 
 if TYPE_CHECKING:
+    from piezo_opt.identification import Fit
+    from piezo_opt.modelfile import ModelFile
     from piezo_opt.signals import Drive
 
 signal = Commands("signal", "Make a drive to play, or find the best one for a question.")
@@ -32,7 +35,8 @@ Stroke: TypeAlias = Annotated[
     Option(metavar="'0 um..10 um'", help="Positions allowed, as --fit predicts them."),
 ]
 FitFile: TypeAlias = Annotated[
-    Path | None, Option("--fit", metavar="FIT.h5", help="Saved fit, for --stroke.")
+    Path | None,
+    Option("--fit", metavar="FIT.json", help="JSON of a fit, or a saved fit, for --stroke."),
 ]
 Picture: TypeAlias = Annotated[
     Path | None, Option(metavar="OUT.png", help="The drive and its spectrum.")
@@ -97,12 +101,15 @@ class Delivery:
             shortest, longest = quantity(low, "m"), quantity(high, "m")
         slew = float("inf") if self.slew is None else quantity(self.slew, f"{drive.unit}/s")
         limits = DriveLimits(slew=slew, shortest=shortest, longest=longest)
-        fit = None
-        if self.fit is not None:
-            from piezo_opt.identification import load_fit
+        return within(drive, limits, None if self.fit is None else _fit_of(self.fit))
 
-            fit = load_fit(self.fit)
-        return within(drive, limits, fit)
+
+def _fit_of(path: Path) -> Fit | ModelFile:
+    """A saved fit, or the model of its JSON."""
+    from piezo_opt.identification import load_fit
+    from piezo_opt.modelfile import read_model
+
+    return load_fit(path) if path.suffix.lower() in HOLD_SEVERAL else read_model(path)
 
 
 def save_preview(drive: Drive, path: Path, *, overwrite: bool) -> None:

@@ -33,7 +33,8 @@ class Campaign:
         for record in self.records:
             if record.name in seen:
                 raise InputError(
-                    f"two records are called {record.name!r}: give one another name, rename('...')"
+                    f"two records are called {record.name!r}: leave one out where they are the "
+                    "same, else give one another name, rename('...')"
                 )
             seen.add(record.name)
         first = self.records[0]

@@ -9,6 +9,8 @@ import numpy as np
 
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Fit
+from piezo_opt.measurement import Between
+from piezo_opt.modelfile import ModelFile
 from piezo_opt.signals.drive import Drive, FloatArray
 from piezo_opt.simulation import INITIAL, Initial, Simulator
 from piezo_opt.units import show
@@ -52,7 +54,7 @@ class DriveLimits:
         return self.shortest > -np.inf or self.longest < np.inf
 
 
-def within(drive: Drive, limits: DriveLimits, fit: Fit | None = None) -> Drive:
+def within(drive: Drive, limits: DriveLimits, fit: Fit | ModelFile | None = None) -> Drive:
     """The drive as it keeps to limits, and says how it was changed.
 
     A drive outside the range is moved and scaled into it. Edges of a square or a staircase become
@@ -63,7 +65,7 @@ def within(drive: Drive, limits: DriveLimits, fit: Fit | None = None) -> Drive:
     Args:
         drive: what is to be played.
         limits: what is allowed.
-        fit: predicts the position; needed for stroke limits.
+        fit: predicts the position, or the model file of one; needed for stroke limits.
 
     Raises:
         InputError: a stroke limit without a fit, or one that even the drive's first value passes.
@@ -84,7 +86,10 @@ def within(drive: Drive, limits: DriveLimits, fit: Fit | None = None) -> Drive:
             said.append(f"scaled to {100.0 * share:.0f} % for the slew limit")
     if limits.has_stroke:
         if fit is None:
-            raise InputError("a stroke limit needs a fit that predicts the position: give fit=")
+            raise InputError(
+                "a stroke limit needs a fit that predicts the position: give fit=..., in a shell "
+                "--fit FIT.json"
+            )
         share = _share(replace(drive, values=values), limits, fit)
         if share < 1.0:
             values = _scaled(values, share)
@@ -94,13 +99,15 @@ def within(drive: Drive, limits: DriveLimits, fit: Fit | None = None) -> Drive:
     return replace(drive, values=values, description=f"{drive.description}, {', '.join(said)}")
 
 
-def predicted(fit: Fit, drive: Drive) -> FloatArray:
-    """Reading (N,) [m] of a fitted model on a drive, from rest."""
-    record = drive.played(between=fit.records[0].between)
-    numbers = {k: v for k, v in fit.values.of_record(0).items() if not k.startswith(INITIAL)}
-    simulator = Simulator(
-        fit.model, record, numbers, initial=Initial.REST, runtime=fit.question.free
-    )
+def predicted(fit: Fit | ModelFile, drive: Drive) -> FloatArray:
+    """Reading (N,) [m] of a fitted model, or that of a file, on a drive, from rest."""
+    if isinstance(fit, Fit):
+        between, values, free = fit.records[0].between, fit.values, fit.question.free
+    else:
+        between, values, free = Between.LINEAR, fit.numbers, fit.free
+    record = drive.played(between=between)
+    numbers = {k: v for k, v in values.of_record(0).items() if not k.startswith(INITIAL)}
+    simulator = Simulator(fit.model, record, numbers, initial=Initial.REST, runtime=free)
     return simulator.reading(numbers)
 
 
@@ -129,12 +136,15 @@ def _ramped(values: FloatArray, step: float) -> FloatArray:
     return found
 
 
-def _share(drive: Drive, limits: DriveLimits, fit: Fit) -> float:
+def _share(drive: Drive, limits: DriveLimits, fit: Fit | ModelFile) -> float:
     """Largest share of the swing at which the predicted position keeps to its limits."""
 
     def keeps(share: float) -> bool:
         reading = predicted(fit, replace(drive, values=_scaled(drive.values, share)))
-        return bool(reading.min() >= limits.shortest and reading.max() <= limits.longest)
+        # At rest a reading of 0 is one but for its last digit.
+        slack = _SLACK * max(abs(float(reading.min())), abs(float(reading.max())))
+        low, high = limits.shortest - slack, limits.longest + slack
+        return bool(reading.min() >= low and reading.max() <= high)
 
     if keeps(1.0):
         return 1.0

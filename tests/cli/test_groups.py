@@ -17,8 +17,9 @@ from piezo_opt.cli.groups import grouped
 from piezo_opt.cli.inputs import Reading
 from piezo_opt.cli.report import report
 from piezo_opt.cli.simulate import simulate
+from piezo_opt.errors import InputError
 from piezo_opt.readers import read
-from tests.readers.forms import U, Y
+from tests.readers.forms import HEADER, U, Y, put, rows
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,17 @@ def test_every_command_reads_in_the_same_way(command_: object) -> None:
     assert {one.name for one in fields(Reading)} <= set(options)
     # What the command offers is what the Python call takes.
     assert {one.name for one in fields(Reading)} <= set(inspect.signature(read).parameters)
+
+
+def test_records_of_one_name_are_called_by_their_folders(tmp_path: Path) -> None:
+    files = [tmp_path / day / "run.csv" for day in ("monday", "tuesday")]
+    for file in files:
+        file.parent.mkdir()
+        put(file.parent, file.name, HEADER + "\n" + rows())
+    assert Reading().records(files).names == ("monday/run", "tuesday/run")
+    assert Reading().records(files[:1]).names == ("run",)
+    with pytest.raises(InputError, match="leave one out where they are the same"):
+        Reading().records([files[0], files[0]])
 
 
 def test_a_record_without_a_clock_is_fitted_when_its_rate_is_said(tmp_path: Path) -> None:

@@ -70,6 +70,21 @@ def loop(tmp_path: Path) -> Path:
     return file
 
 
+def test_the_json_of_a_fit_predicts_the_stroke(tmp_path: Path) -> None:
+    (tmp_path / "gain.toml").write_text(
+        'effects = ["piezo_gain"]\nvalues = {"piezo_gain.d" = 1e-7}\n'
+    )
+    out = tmp_path / "kept.csv"
+    limits = ("--fit", tmp_path / "gain.toml", "--stroke", "0 um..5 um", "--out", out)
+    done = run("triangle", "--high", "100 V", *limits)
+    assert done.exit_code == 0, done.output
+    assert "scaled to 50 % for the stroke limit" in done.stdout
+    assert np.loadtxt(out, delimiter=",", skiprows=2)[:, 1].max() == pytest.approx(50.0, rel=1e-6)
+    done = run("triangle", "--stroke", "0 um..5 um")
+    assert done.exit_code == 2
+    assert "--fit FIT.json" in done.stderr
+
+
 def test_best_and_between(loop: Path, tmp_path: Path) -> None:
     for name, text in (("lag", LAG), ("delay", DELAY)):
         (tmp_path / f"{name}.toml").write_text(text)
