@@ -60,7 +60,7 @@ def hidden(
     level: Annotated[
         Size, Option(help="Effects of 3 to 30 times the noise, or of 0.7 to 3.")
     ] = Size.STANDARD,
-    samples: Annotated[int, Option(min=500, metavar="N", help="Of each record.")] = 8000,
+    samples: Annotated[int, Option(min=500, metavar="N", help="Samples of each record.")] = 8000,
     workers: Annotated[
         int, Option(min=1, metavar="N", help="Processes that share the records.")
     ] = 1,

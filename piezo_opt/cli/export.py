@@ -117,7 +117,7 @@ def arduino(
         str | None,
         Option(metavar="'125 V'", help="Upper end: 125 V, or 15 um with --inverse."),
     ] = None,
-    period: Annotated[str, Option(metavar="'50 s'", help="Of the signal.")] = "50 s",
+    period: Annotated[str, Option(metavar="'50 s'", help="Period of the signal.")] = "50 s",
     step: Annotated[str, Option(metavar="'50 ms'", help="Between two samples.")] = "50 ms",
     periods: Annotated[
         int, Option(min=0, metavar="N", help="Then the drive goes to zero; 0 for never.")
@@ -170,7 +170,7 @@ class Version(Enum):
 def fmu(
     source: Holder,
     out: Annotated[Path, Option(metavar="OUT.fmu", help="File to write.")],
-    version: Annotated[Version, Option(help="Of the FMI standard.")] = Version.TWO,
+    version: Annotated[Version, Option(help="Version of the FMI standard.")] = Version.TWO,
     exchange: Annotated[
         bool, Option("--exchange", help="For model exchange in the place of co-simulation.")
     ] = False,
@@ -225,11 +225,11 @@ def controller(
     single: Single = False,
     period: Annotated[
         str | None,
-        Option(metavar="'1 ms'", help="Of the sampling; by default that of the design."),
+        Option(metavar="'1 ms'", help="Sampling period; by default that of the design."),
     ] = None,
     limits: Annotated[
         tuple[str, str] | None,
-        Option(metavar="LOW HIGH", help="Of the drive; by default those of the design."),
+        Option(metavar="LOW HIGH", help="Limits of the drive; by default those of the design."),
     ] = None,
     name: Name = "controller",
 ) -> None:

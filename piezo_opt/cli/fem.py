@@ -26,19 +26,19 @@ fem = Commands("fem", "Finite elements of a piezoelectric block or stack.")
 
 @fem.command()
 def block(
-    material: Annotated[str, Option(metavar="NAME", help="Ceramic.")] = "PZT-5H",
-    width: Annotated[str, Option(metavar="'5 mm'", help="Along x.")] = "5 mm",
-    depth: Annotated[str, Option(metavar="'5 mm'", help="Along y.")] = "5 mm",
-    height: Annotated[str, Option(metavar="'4 mm'", help="Of a layer, along z.")] = "4 mm",
-    layers: Annotated[int, Option(min=1, metavar="N", help="On one another.")] = 1,
+    material: Annotated[str, Option(metavar="NAME", help="The ceramic.")] = "PZT-5H",
+    width: Annotated[str, Option(metavar="'5 mm'", help="Size along x.")] = "5 mm",
+    depth: Annotated[str, Option(metavar="'5 mm'", help="Size along y.")] = "5 mm",
+    height: Annotated[str, Option(metavar="'4 mm'", help="Height of a layer, along z.")] = "4 mm",
+    layers: Annotated[int, Option(min=1, metavar="N", help="Number of layers on one another.")] = 1,
     elements: Annotated[
         str, Option(metavar="NX,NY,NZ", help="Bricks along x, y and in a layer along z.")
     ] = "10,10,8",
     support: Annotated[Base, Option(help="How the base is held.")] = Base.CLAMPED,
-    voltage: Annotated[str, Option(metavar="'150 V'", help="Drive.")] = "150 V",
+    voltage: Annotated[str, Option(metavar="'150 V'", help="Voltage of the drive.")] = "150 V",
     modes: Annotated[int, Option(min=1, metavar="N", help="Modes to find.")] = 10,
     damping: Annotated[
-        float, Option(metavar="ZETA", help="Ratio of every mode, for --response.")
+        float, Option(metavar="ZETA", help="Damping ratio of every mode, for --response.")
     ] = 0.01,
     vtk: Annotated[
         Path | None, Option(metavar="OUT.vtk", help="Static answer for a viewer.")

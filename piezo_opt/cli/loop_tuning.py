@@ -35,7 +35,8 @@ class Aim:
         0.0
     )
     overshoot: Annotated[
-        float | None, Option(min=0.0, metavar="0.02", help="Most of it, of the last step.")
+        float | None,
+        Option(min=0.0, metavar="0.02", help="Largest overshoot, as a share of the step."),
     ] = None
 
 

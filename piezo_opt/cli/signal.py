@@ -26,8 +26,8 @@ signal = Commands("signal", "Make a drive to play, or find the best one for a qu
 Low: TypeAlias = Annotated[str, Option(metavar="'0 V'", help="Lowest drive.")]
 High: TypeAlias = Annotated[str, Option(metavar="'100 V'", help="Highest drive.")]
 Rate: TypeAlias = Annotated[str, Option(metavar="'1 kHz'", help="Samples a second.")]
-Frequency: TypeAlias = Annotated[str, Option(metavar="'1 Hz'", help="Of one period.")]
-Periods: TypeAlias = Annotated[int, Option(min=1, metavar="N", help="How many.")]
+Frequency: TypeAlias = Annotated[str, Option(metavar="'1 Hz'", help="Frequency of the signal.")]
+Periods: TypeAlias = Annotated[int, Option(min=1, metavar="N", help="Number of periods.")]
 Out: TypeAlias = Annotated[Path | None, Option(metavar="OUT.csv", help="Samples: .csv or .h5.")]
 Slew: TypeAlias = Annotated[str | None, Option(metavar="'500 V/s'", help="Fastest change allowed.")]
 Stroke: TypeAlias = Annotated[
@@ -53,7 +53,7 @@ class Board(Enum):
 
 
 By: TypeAlias = Annotated[Board, Option("--output", help="What the board gives out.")]
-Seed: TypeAlias = Annotated[int, Option(min=0, help="Of what is random.")]
+Seed: TypeAlias = Annotated[int, Option(min=0, help="Seed of what is random.")]
 
 
 @final
@@ -171,7 +171,7 @@ def staircase(
     levels: Annotated[
         str, Option(metavar="'0,50,100 V'", help="Levels and their unit.")
     ] = "0,50,100,25,75,0 V",
-    hold: Annotated[str, Option(metavar="'1 s'", help="At each level.")] = "1 s",
+    hold: Annotated[str, Option(metavar="'1 s'", help="Time at each level.")] = "1 s",
     rate: Rate = "1 kHz", out: Out = None, slew: Slew = None, stroke: Stroke = None,
     fit: FitFile = None, picture: Picture = None, arduino: Sketch = None,
     output: By = Board.MCP4725, overwrite: o.Overwrite = False,
@@ -198,9 +198,9 @@ def staircase(
 @signal.command()
 def decaying(
     low: Low = "0 V", high: High = "100 V", frequency: Frequency = "1 Hz", rate: Rate = "1 kHz",
-    count: Annotated[int, Option(min=1, metavar="N", help="Triangles.")] = 5,
-    minor: Annotated[int, Option(min=0, metavar="N", help="Minor loops each.")] = 1,
-    hold: Annotated[str, Option(metavar="'0 s'", help="At each end.")] = "0 s",
+    count: Annotated[int, Option(min=1, metavar="N", help="Number of triangles.")] = 5,
+    minor: Annotated[int, Option(min=0, metavar="N", help="Minor loops in each.")] = 1,
+    hold: Annotated[str, Option(metavar="'0 s'", help="Time at each end.")] = "0 s",
     out: Out = None, slew: Slew = None, stroke: Stroke = None, fit: FitFile = None,
     picture: Picture = None, arduino: Sketch = None, output: By = Board.MCP4725,
     overwrite: o.Overwrite = False,
@@ -225,10 +225,12 @@ def decaying(
 def chirp(
     low: Low = "0 V", high: High = "100 V",
     start: Annotated[str, Option(metavar="'1 Hz'", help="First frequency.")] = "1 Hz",
-    stop: Annotated[str, Option(metavar="'100 Hz'", help="Last one.")] = "100 Hz",
-    duration: Annotated[str, Option(metavar="'10 s'", help="Of the sweep.")] = "10 s",
+    stop: Annotated[str, Option(metavar="'100 Hz'", help="Last frequency.")] = "100 Hz",
+    duration: Annotated[str, Option(metavar="'10 s'", help="Length of the sweep.")] = "10 s",
     rate: Rate = "1 kHz",
-    linear: Annotated[bool, Option("--linear", help="Not by equal factors.")] = False,
+    linear: Annotated[
+        bool, Option("--linear", help="Sweep by equal steps, not by equal factors.")
+    ] = False,
     out: Out = None, slew: Slew = None, stroke: Stroke = None, fit: FitFile = None,
     picture: Picture = None, arduino: Sketch = None, output: By = Board.MCP4725,
     overwrite: o.Overwrite = False,
@@ -260,7 +262,7 @@ def multisine(
     low: Low = "0 V", high: High = "100 V",
     lowest: Annotated[str, Option(metavar="'1 Hz'", help="First line.")] = "1 Hz",
     highest: Annotated[str, Option(metavar="'100 Hz'", help="Last line.")] = "100 Hz",
-    period: Annotated[str, Option(metavar="'1 s'", help="Of the signal.")] = "1 s",
+    period: Annotated[str, Option(metavar="'1 s'", help="Period of the signal.")] = "1 s",
     lines: Annotated[Which, Option(help="Which harmonics.")] = Which.FULL,
     schroeder: Annotated[
         bool, Option("--schroeder", help="Schroeder's phases, not random ones.")

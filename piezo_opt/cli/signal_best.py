@@ -29,16 +29,18 @@ if TYPE_CHECKING:
 __all__ = ["signal"]
 
 Noise: TypeAlias = Annotated[
-    str | None, Option(metavar="'20 nm'", help="Of the reading; the fit's residual else.")
+    str | None,
+    Option(metavar="'20 nm'", help="Noise of the reading; by default what the fit left."),
 ]
 Slewing: TypeAlias = Annotated[
     str | None, Option(metavar="'500 V/s'", help="Fastest change of the drive.")
 ]
 Lasting: TypeAlias = Annotated[
-    str | None, Option(metavar="'4 s'", help="Length; that of the record else.")
+    str | None, Option(metavar="'4 s'", help="Length; by default that of the record.")
 ]
 Fastest: TypeAlias = Annotated[
-    str | None, Option(metavar="'200 Hz'", help="Fastest sine; a fifth of the rate else.")
+    str | None,
+    Option(metavar="'200 Hz'", help="Fastest sine; by default a fifth of the rate."),
 ]
 Judged: TypeAlias = Annotated[int, Option(min=1, metavar="N", help="Drives judged in each family.")]
 
@@ -107,7 +109,7 @@ def best(
     records: o.Records, model: o.ModelPath = DEFAULT,
     of: Annotated[
         str | None,
-        Option("--for", metavar="A,B", help="Parameters meant; all that are free else."),
+        Option("--for", metavar="A,B", help="Parameters to learn; by default all free ones."),
     ] = None,
     room: Room = USUAL_ROOM, found: Found = NOWHERE, reading: Reading = AS_WRITTEN,
     checking: Checking = UNANSWERED,

@@ -65,9 +65,9 @@ def thesis(
 
 @study.command()
 def worth(
-    plants: Annotated[int, Option(min=1, metavar="N", help="How many.")] = 20,
-    seed: Annotated[int, Option(min=0, help="Of the first plant; others follow.")] = 0,
-    samples: Annotated[int, Option(min=1000, metavar="N", help="Of each record.")] = 3000,
+    plants: Annotated[int, Option(min=1, metavar="N", help="Number of plants.")] = 20,
+    seed: Annotated[int, Option(min=0, help="Seed of the first plant; others follow.")] = 0,
+    samples: Annotated[int, Option(min=1000, metavar="N", help="Samples of each record.")] = 3000,
     workers: Annotated[
         int, Option(min=1, metavar="N", help="Processes that share the plants.")
     ] = 1,

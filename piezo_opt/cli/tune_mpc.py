@@ -22,7 +22,7 @@ def mpc(
     ] = None,
     horizon: Annotated[
         int | None,
-        Option(min=1, metavar="N", help="Periods ahead; the shortest that does else."),
+        Option(min=1, metavar="N", help="Periods ahead; by default the shortest that does."),
     ] = None,
     preview: Annotated[
         bool, Option(help="Whether the reference is known before.")

@@ -19,7 +19,10 @@ def shaper(
         float, Option(metavar="0.05", help="Share of the swinging that may stay.")
     ] = 0.05,
     delay: Annotated[
-        str | None, Option(metavar="'5 ms'", help="Longest of the robust shaper; ZVD's else.")
+        str | None,
+        Option(
+            metavar="'5 ms'", help="Longest delay of the robust shaper; by default that of ZVD."
+        ),
     ] = None,
     spread: Annotated[
         float,
@@ -28,7 +31,7 @@ def shaper(
     scenarios: Annotated[
         int, Option(min=1, metavar="N", help="Actuators to design on.")
     ] = 60,
-    seed: Annotated[int, Option(min=0, help="Of the draws.")] = 0,
+    seed: Annotated[int, Option(min=0, help="Seed of the draws.")] = 0,
 ) -> None:  # fmt: skip
     """Compare shapers on the actuators that the record allows, and say which to take.
 

@@ -52,19 +52,29 @@ class Shape(Enum):
 class Reference:
     """What the actuator is to follow."""
 
-    shape: Annotated[Shape, Option(help="Of the reference.")] = Shape.TRIANGLE
+    shape: Annotated[Shape, Option(help="Shape of the reference.")] = Shape.TRIANGLE
     low: Annotated[
         str | None,
-        Option(metavar="'0 um'", help="Its lower end; the lowest it comes back to else."),
+        Option(
+            metavar="'0 um'",
+            help="Lower end of the reference; by default the lowest that is reached again.",
+        ),
     ] = None
     high: Annotated[
         str | None,
-        Option(metavar="'6 um'", help="Its upper end; 70 % of what the drive reaches else."),
+        Option(
+            metavar="'6 um'",
+            help="Upper end of the reference; by default 70 % of what the drive reaches.",
+        ),
     ] = None
     frequency: Annotated[
-        str | None, Option(metavar="'10 Hz'", help="Of a period; 200 samples long else.")
+        str | None,
+        Option(
+            metavar="'10 Hz'",
+            help="Frequency of the reference; by default a period has 200 samples.",
+        ),
     ] = None
-    periods: Annotated[int, Option(min=1, metavar="N", help="How many.")] = 3
+    periods: Annotated[int, Option(min=1, metavar="N", help="Periods of the reference.")] = 3
     reference: Annotated[
         Path | None,
         Option(metavar="RECORD", help="A record whose position is followed instead."),
@@ -134,11 +144,12 @@ class Loop:
     """How the loop is sampled, and what limits it."""
 
     period: Annotated[
-        str | None, Option(metavar="'1 ms'", help="Of the sampling; that of the record else.")
+        str | None,
+        Option(metavar="'1 ms'", help="Sampling period; by default that of the record."),
     ] = None
     range: Annotated[
         tuple[str, str] | None,
-        Option(metavar="LOW HIGH", help="Of the drive; that of the record else."),
+        Option(metavar="LOW HIGH", help="Range of the drive; by default that of the record."),
     ] = None
     slew: Annotated[str | None, Option(metavar="'5 kV/s'", help="Fastest change of the drive.")] = (
         None
@@ -147,13 +158,14 @@ class Loop:
         int, Option(min=0, metavar="N", help="Whole periods that computing takes.")
     ] = 0
     noise: Annotated[
-        str | None, Option(metavar="'5 nm'", help="Of the sensor; what the fit left else.")
+        str | None,
+        Option(metavar="'5 nm'", help="Noise of the sensor; by default what the fit left."),
     ] = None
     scenarios: Annotated[
         int,
         Option(min=0, metavar="N", help="Actuators drawn from the fit's covariance to design on."),
     ] = 0
-    seed: Annotated[int, Option(min=0, help="Of the draws and of the noise.")] = 0
+    seed: Annotated[int, Option(min=0, help="Seed of the draws and of the noise.")] = 0
 
     def limits(self, actuator: Identified) -> Limits:
         """Of the drive: as given, or the range of the record, rest included."""
