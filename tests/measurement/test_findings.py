@@ -289,3 +289,42 @@ def test_the_picture_marks_the_place() -> None:
     lines = check(KINDS["dropout"][0]()).pictures(60).splitlines()
     (marks,) = [line for line in lines if set(line) == {" ", "^"}]
     assert marks.index("^") - 2 == 20
+
+
+class TestTwoFlaws:
+    """One flaw must not hide another."""
+
+    def test_marks_and_lost_readings_on_a_drive_that_was_logged_slowly(self) -> None:
+        held = U[(np.arange(U.size) // 10) * 10]
+        marked, lost = Y.copy(), Y.copy()
+        marked[[700, 701, 1500]] = 9.9e37
+        lost[1000:1012] = 0.0
+        for reading, name in ((marked, "overload"), (lost, "dropout")):
+            found = check(Measurement(T, held, reading))
+            assert {one.name for _, one in found.findings} == {"slow_drive", name}
+            mended = check(Measurement(T, held, reading), mend=["slow_drive"]).fit_for_use()
+            kept = mended.records[0]
+            assert np.abs(kept.drive - U)[kept.counted].max() < 0.2
+            assert not kept.counted[np.abs(reading - Y) > 1e-6].any()
+
+    def test_a_jump_beside_readings_that_stand_alone(self) -> None:
+        y = Y.copy()
+        y[[500, 1300, 2200]] += 2e-6
+        y[1500:] += 4e-6
+        assert [one.name for _, one in check(Measurement(T, U, y)).refused] == ["jump"]
+
+    def test_shifted_channels_in_two_records_of_one_file(self) -> None:
+        y = Y.copy()
+        y[1500:] += 4e-6
+        found = check(Measurement(T[3:], U[:-3], y[3:]))
+        assert [one.name for _, one in found.refused] == ["jump", "lead"]
+        both = check(found.given, mend=["jump", "lead"]).fit_for_use()
+        assert [len(one) for one in both] == [1497, 1497]
+        assert both.records[0].drive == pytest.approx(U[3:1500])
+
+    @pytest.mark.parametrize("samples", [3, 4, 8])
+    def test_a_reading_that_trails_by_whole_samples_is_told(self, samples: int) -> None:
+        late = Measurement(T[samples:], U[samples:], Y[:-samples])
+        told = [one for _, one in check(late).findings]
+        assert [one.name for one in told] == ["lag"]
+        assert f"after {samples} samples" in told[0].sentence

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["NAMES", "Finding", "Weight", "disagreements", "found"]
 
 _KINDS: tuple[Callable[[Measurement], Iterator[Finding]], ...] = (
-    jitter, overloads, wraps, dropouts, jumps, computed, slow_drives, leads, units, butterflies,
+    jitter, slow_drives, overloads, wraps, dropouts, jumps, computed, leads, units, butterflies,
     blocks_twice, quantised_drives, gaps, resolutions, lone, aliasing,
 )  # fmt: skip
 """In the order in which they are looked for, each on the record that the ones before have mended:
@@ -49,13 +49,19 @@ def found(record: Measurement, accepted: frozenset[str] = frozenset()) -> tuple[
         accepted: names of findings that are not mended before the next kind is looked for.
     """
     told: list[Finding] = []
+    part: Measurement | None = None
     for kind in _KINDS:
-        for finding in kind(record):
+        # Two records in one hide a shift of their channels, which is the same in both.
+        looked_at = part if part is not None and kind is leads else record
+        for finding in kind(looked_at):
             told.append(finding)
             if finding.mend is None or finding.weight is Weight.REMARK or finding.name in accepted:
                 continue
             mended = finding.mend(record)
-            record = mended[0] if len(mended) == 1 else record
+            if len(mended) == 1:
+                record = mended[0]
+            else:
+                part = max(mended, key=len)
     # A jump makes the readings next to it stand alone; a clock that jitters is uneven.
     named = {one.name for one in told}
     implied = {"lone"} if "jump" in named else set()

@@ -10,7 +10,7 @@ import numpy as np
 from piezo_opt.measurement.arrays import FloatArray
 from piezo_opt.measurement.findings.finding import Finding, Weight, where
 from piezo_opt.measurement.findings.left_out import leaving_out
-from piezo_opt.measurement.findings.usual import drive_is_calm, large_moves
+from piezo_opt.measurement.findings.usual import MOST_CALM, drive_is_calm, large_moves
 from piezo_opt.units import show
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def _told(record: Measurement, name: str, found: tuple[tuple[int, int], ...]) ->
     many = sum(j - i for i, j in found)
     if not found or many > _MOST * len(record):
         return
-    if not drive_is_calm(record.drive, found, before=_BEFORE).all():
+    if float(drive_is_calm(record.drive, found, before=_BEFORE).mean()) < MOST_CALM:
         return
     levels = sorted({f"{show(float(record.position[i]), record.position_unit)}" for i, _ in found})
     told = ", ".join(levels[:3]) + (" ..." if len(levels) > 3 else "")

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from piezo_opt.measurement.arrays import FloatArray, IndexArray
 from piezo_opt.measurement.checks import FEWEST_SAMPLES
 from piezo_opt.measurement.findings.finding import Finding, Weight, answers, where
 from piezo_opt.measurement.findings.usual import sharpness
+from piezo_opt.measurement.outliers import lone_readings
 from piezo_opt.units import show
 
 if TYPE_CHECKING:
@@ -30,7 +32,8 @@ def jumps(record: Measurement) -> Iterator[Finding]:
     straight line over the drive is shifted by half the step or more, from the quarter of the record
     before to the quarter after.
     """
-    y, u = record.position, record.drive
+    u = record.drive
+    y = _without(lone_readings(u, record.position), record.position)
     n = y.size
     if n < 8 * FEWEST_SAMPLES or np.ptp(y) == 0.0:
         return
@@ -79,3 +82,11 @@ def jumps(record: Measurement) -> Iterator[Finding]:
         places,
         mend,
     )
+
+
+def _without(alone: IndexArray, reading: FloatArray) -> FloatArray:
+    """The reading (N,) with straight lines in the place of what stands alone."""
+    if not alone.size:
+        return reading
+    kept = np.delete(np.arange(reading.size), alone)
+    return np.interp(np.arange(reading.size), kept, reading[kept])

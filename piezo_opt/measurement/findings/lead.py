@@ -65,7 +65,9 @@ def leads(record: Measurement) -> Iterator[Finding]:
             (),
             mend,
         )
-    elif samples < -1 and best.less > _MUCH_LESS and abs(best.shift - samples) < _WHOLE:
+    elif (
+        samples < -1 and best.less > _MUCH_LESS and abs(best.shift - samples) < _WHOLE + best.error
+    ):
         yield Finding(
             "lag",
             Weight.REMARK,

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 _BLOCKS, _LONGEST, _REGULAR = 20, 200, 0.95
 """At least so many values, each held for at most so many samples, and so many of them in step."""
+_ORDINARY = 0.98
+"""Share of the reading's steps that are those of the actuator."""
 _EVEN = 2.0
 """The reading's way in the sample of the block in which it goes furthest, over its mean way."""
 
@@ -49,7 +51,10 @@ def slow_drives(record: Measurement) -> Iterator[Finding]:
     rows = first[:, np.newaxis] + np.arange(-1, held - 1)
     rows = rows[(rows[:, 0] >= 0) & (rows[:, -1] < y.size - 1)]
     sign = np.sign(moves[: rows.shape[0]])
-    way = (np.diff(y)[rows] * sign[:, np.newaxis]).sum(axis=0)
+    # Marks, lost readings and wraps are a few steps that are larger than all others.
+    step = np.diff(y)
+    most = float(np.quantile(np.abs(step), _ORDINARY))
+    way = (np.clip(step, -most, most)[rows] * sign[:, np.newaxis]).sum(axis=0)
     if abs(way.sum()) < 1e-12 or np.abs(way).max() > _EVEN * abs(way.mean()):
         return
 

@@ -9,6 +9,9 @@ from piezo_opt.measurement.arrays import BoolArray, FloatArray, IndexArray
 AROUND = 3
 """Samples on either side in which a drive that moves may have caused what is seen."""
 
+MOST_CALM = 0.75
+"""Share of the places at which the drive must be calm: where it is not, it may be by chance."""
+
 
 def sharpness(values: FloatArray) -> FloatArray:
     """(N - 1,) how far each move of a signal is off the mean of the moves next to it."""
