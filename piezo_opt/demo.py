@@ -17,8 +17,8 @@ from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.strain.bouc_wen import BoucWen
 from piezo_opt.effects.strain.piezo_gain import PiezoGain
 from piezo_opt.errors import InputError
+from piezo_opt.files import target_of
 from piezo_opt.identification import Fit, Identification, Start, solve
-from piezo_opt.readers.files import target_of
 from piezo_opt.units import show
 
 __all__ = ["PAGE", "Demo", "found", "question", "run"]

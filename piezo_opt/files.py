@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from piezo_opt.choosing import expected
 from piezo_opt.errors import InputError
 
 LARGEST_FILE = 2 * 1024**3
@@ -21,7 +20,7 @@ MOST_ROWS = 50_000_000
 
 def checked(path: str | os.PathLike[str], *, largest: int | None = LARGEST_FILE) -> Path:
     """The path of an existing, readable, ordinary file of bearable size; else `InputError`."""
-    expected((str, os.PathLike), path, "The file", "its path")
+    _refuse_others(path, "The file")
     file = Path(path)
     try:
         if not file.exists():
@@ -49,6 +48,11 @@ def checked(path: str | os.PathLike[str], *, largest: int | None = LARGEST_FILE)
     return file
 
 
+def _refuse_others(path: object, what: str) -> None:
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"{what} is {path!r}: give its path.")
+
+
 def refuse_rows(file: Path, rows: int) -> None:
     """Raise `InputError` for more rows than a record may have."""
     if rows > MOST_ROWS:
@@ -64,7 +68,7 @@ def target_of(path: str | os.PathLike[str]) -> Path:
         InputError: it is a folder, a device, a pipe or a socket, its name is too long, or there is
             no folder to write it into.
     """
-    expected((str, os.PathLike), path, "The file to write", "its path")
+    _refuse_others(path, "The file to write")
     asked = Path(path)
     try:
         target = Path(os.path.realpath(asked, strict=False))

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import typer
-
 from piezo_opt.cli.codes import INTERRUPTED
+from piezo_opt.cli.declare import Exit
 from piezo_opt.errors import InputError
 from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import quantity, show
@@ -44,7 +43,7 @@ def leave_early(interrupted: bool, limit: TimeLimit) -> None:
     """End the command as a shell expects after Ctrl-C; a limit of time is no interrupt.
 
     Raises:
-        typer.Exit: the work was interrupted by the user.
+        Exit: the work was interrupted by the user.
     """
     if interrupted and not limit.passed:
-        raise typer.Exit(INTERRUPTED)
+        raise Exit(INTERRUPTED)

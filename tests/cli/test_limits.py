@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer import Exit
-from typer.testing import CliRunner, Result
+from click.testing import CliRunner, Result
 
 import piezo_opt as po
 from piezo_opt.cli import app
+from piezo_opt.cli.declare import Exit
 from piezo_opt.cli.limiting import leave_early, limit_of, limited
 from piezo_opt.effects import Delay, PiezoGain, SensorLag
 from piezo_opt.errors import InputError
