@@ -50,6 +50,7 @@ if TYPE_CHECKING:
         SingleShooting,
         Sqp,
         Start,
+        as_driven,
         bootstrap,
         default_model,
         load_fit,
@@ -139,6 +140,7 @@ __all__ = [
     "Track",
     "TransferFit",
     "Values",
+    "as_driven",
     "axes_error",
     "bootstrap",
     "check",
@@ -202,8 +204,8 @@ _ROOMS: Final = {
     "identification": (
         "Bootstrap CmaEs Collocation DifferentialEvolution Fatrop Fit Identification Ipopt "
         "LevenbergMarquardt Loss MultipleShooting NelderMead Prior Profile Profiles "
-        "ScipyLeastSquares Shape SingleShooting Sqp Start bootstrap default_model load_fit "
-        "priors_from profile_likelihood save_fit solve "
+        "ScipyLeastSquares Shape SingleShooting Sqp Start as_driven bootstrap default_model "
+        "load_fit priors_from profile_likelihood save_fit solve "
     ),
     "linear_models": (
         "AxesFit Detrend ModalModel TransferFit axes_error fit_modes fit_transfer "

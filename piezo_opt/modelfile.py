@@ -44,7 +44,7 @@ from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.files import checked
 from piezo_opt.identification import Identification, Prior, Start
-from piezo_opt.measurement import Campaign, Measurement
+from piezo_opt.measurement import Between, Campaign, Measurement
 from piezo_opt.simulation import INITIAL
 from piezo_opt.units import quantity
 from piezo_opt.values import Values
@@ -71,6 +71,7 @@ class ModelFile:
         per_record: parameters with one value for each record.
         noise: standard deviation of the reading's noise [m], or None.
         sampling: step [s] and range of the drive [V] of the fitted record, if told.
+        between: how its drive moved between samples, if told.
         rms: of what the fit left [m], if told.
         uncertainty: names of the estimates and their (k, k) covariance, NaN rows for those at a
             bound, if told.
@@ -85,6 +86,7 @@ class ModelFile:
     per_record: tuple[str, ...] = ()
     noise: float | None = None
     sampling: tuple[float, float, float] | None = None
+    between: Between | None = None
     rms: float | None = None
     uncertainty: tuple[tuple[str, ...], FloatArray] | None = None
 
@@ -94,10 +96,13 @@ class ModelFile:
         *,
         start: Start | None = None,
     ) -> Identification:
-        """The identification of this model on these records."""
+        """The identification of this model on these records.
+
+        Their drives move between samples as the fitted one's did, where nobody has said how.
+        """
         return Identification(
             self.model,
-            records,
+            [record.driven(self.between) for record in Campaign.of(records)],
             values=self.values,
             fixed=self.fixed,
             free=self.free,
@@ -197,7 +202,7 @@ def _from_fit(file: Path, data: Mapping[str, Any]) -> ModelFile:
     )
     rms = _size(data.get("rms"))
     return ModelFile(
-        model, values, fixed, free=free, sampling=_sampling(data),
+        model, values, fixed, free=free, sampling=_sampling(data), between=_between(data),
         rms=rms if 0.0 < rms < float("inf") else None,
         uncertainty=_uncertainty(data),
     )  # fmt: skip
@@ -223,6 +228,14 @@ def _sampling(data: Mapping[str, Any]) -> tuple[float, float, float] | None:
     except (KeyError, IndexError, TypeError, ValueError):
         return None
     return (step, low, high) if 0.0 < step < float("inf") and low < high else None
+
+
+def _between(data: Mapping[str, Any]) -> Between | None:
+    """How the drive of the first record moved; None where the file does not tell."""
+    try:
+        return Between(data["sampling"][0]["between"])
+    except (KeyError, IndexError, TypeError, ValueError):
+        return None
 
 
 def _size(error: object) -> float:

@@ -10,7 +10,7 @@ from typing import Any, Final, final
 
 from piezo_opt.cli import options as o
 from piezo_opt.errors import InputError
-from piezo_opt.identification import Identification, Start, default_model
+from piezo_opt.identification import Identification, Start, as_driven, default_model
 from piezo_opt.measurement import Campaign, Measurement
 from piezo_opt.modelfile import ModelFile, read_model
 from piezo_opt.readers import HOLD_SEVERAL, read, read_campaign
@@ -90,10 +90,13 @@ def asked(
     model: str, records: Campaign, start: Start | None
 ) -> tuple[Identification, tuple[str, ...]]:
     """The question of a model file, or of the default model with what it leaves out and why."""
-    if model == DEFAULT:
-        chosen, remarks = default_model(records)
-        return Identification(chosen, records, start=start), remarks
-    return model_file(model).question(records, start=start), ()
+    file = None if model == DEFAULT else model_file(model)
+    known = None if file is None else file.between
+    driven, held = as_driven(record.driven(known) for record in records)
+    if file is not None:
+        return file.question(driven, start=start), held
+    chosen, remarks = default_model(driven)
+    return Identification(chosen, driven, start=start), (*held, *remarks)
 
 
 def model_file(path: str) -> ModelFile:

@@ -47,7 +47,7 @@ def simulate(
     """
     outputs.check({"--out": out}, overwrite=overwrite, inputs=(source, model))
     file = model_file(model)
-    measured = reading.single(source)
+    measured = reading.single(source).driven(file.between)
     response = respond(
         file.model, measured, file.numbers.of_record(0), initial=Initial(start.value)
     )

@@ -31,11 +31,12 @@ from piezo_opt.identification import (
     Ending,
     Fit,
     Identification,
+    as_driven,
     default_model,
     solve,
     with_statistics,
 )
-from piezo_opt.measurement import Campaign, Measurement
+from piezo_opt.measurement import Measurement
 from piezo_opt.one_thread import one_thread
 from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import show
@@ -292,7 +293,8 @@ def diagnose(
     """Name what is missing from a fitted model, and prove it on data that was not fitted.
 
     Args:
-        fit: the baseline. A question is fitted first, records with :func:`default_model`.
+        fit: the baseline. A question is fitted first, records with
+            :func:`default_model`, their drives as :func:`as_driven` says.
         test: a record to judge on, which is not fitted; else each block of the data is judged as
             the others predict it.
         candidates: effects of the user's own, beside the whole catalogue.
@@ -340,8 +342,9 @@ def diagnose(
     began = time.monotonic()
     remarks: tuple[str, ...] = ()
     if not isinstance(fit, Fit | Identification):
-        records = Campaign.of(fit)
+        records, held = as_driven(fit)
         model, remarks = default_model(records)
+        remarks = (*held, *remarks)
         fit = Identification(model, records)
     if max_time is None:
         max_time = _budget(fit if isinstance(fit, Identification) else fit.question)

@@ -3,6 +3,7 @@
 from piezo_opt.identification.bootstrap import Bootstrap, bootstrap
 from piezo_opt.identification.collocation import Collocation
 from piezo_opt.identification.default import default_model
+from piezo_opt.identification.driven import as_driven
 from piezo_opt.identification.expected import priors_from
 from piezo_opt.identification.monitor import Progress
 from piezo_opt.identification.multiple_shooting import MultipleShooting
@@ -47,6 +48,7 @@ __all__ = [
     "Start",
     "StartResult",
     "Trace",
+    "as_driven",
     "bootstrap",
     "default_model",
     "load_fit",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,13 +11,8 @@ from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.output.offset import Offset
 from piezo_opt.effects.strain.bouc_wen import BoucWen
 from piezo_opt.effects.strain.piezo_gain import PiezoGain
-from piezo_opt.identification.monitor import Monitor
-from piezo_opt.identification.objective import Objective
-from piezo_opt.identification.problem import Identification
-from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
-from piezo_opt.identification.starting import starting_values
+from piezo_opt.identification.quick import quick
 from piezo_opt.identification.stretch import busiest
-from piezo_opt.identification.unknowns import theta_of, unknowns
 from piezo_opt.measurement import Campaign, Measurement
 from piezo_opt.measurement.spectra import without_line
 
@@ -51,12 +45,12 @@ def default_model(
     still = PiezoGain() + BoucWen() + Offset()
     moving = PiezoGain() + BoucWen() + SecondOrder() + Offset()
     short = busiest(record, _ENOUGH)
-    calm, _ = _quick(still, short)
+    calm = quick(still, short).squares
     try:
-        swinging, values = _quick(moving, short)
+        found = quick(moving, short)
     except ArithmeticError:
         return still, (_sentence(record, "no natural frequency could be fitted"),)
-    n = int(short.counted.sum())
+    swinging, values, n = found.squares, found.values, found.residual.size
     gain = n * np.log(calm / swinging) if swinging > 0 else np.inf
     omega, zeta = values["second_order.omega"], values["second_order.zeta"]
     paid = 4.0 * np.log(n) + 20.0
@@ -117,18 +111,3 @@ def _sentence(record: Measurement, why: str) -> str:
         f"no resonance at {record.rate:.4g} samples/s: {why}. To see one, sample at ten times its "
         "frequency and excite it (steps, chirp, multisine)."
     )
-
-
-def _quick(model: Model, record: Measurement) -> tuple[float, dict[str, float]]:
-    """Sum of squares after a few steps, and the values there."""
-    question = replace(Identification(model, record))
-    monitor = Monitor(())
-    start = starting_values(question, monitor)
-    unknown = unknowns(question, start)
-    theta = theta_of(unknown, start)
-    objective = Objective(question, unknown, theta, Monitor(unknown.names))
-    solution = LevenbergMarquardt(iterations=40, tolerance=1e-5).minimise(objective, theta)
-    residual = objective.residual(solution.theta)
-    if not np.isfinite(residual).all():
-        raise ArithmeticError("no finite fit")
-    return float(residual @ residual), dict(unknown.values(solution.theta))

@@ -154,7 +154,8 @@ class Fit:
         those that the question fixed for every record.
 
         Args:
-            record: what is predicted.
+            record: what is predicted; its drive moves between samples as the fitted one's did,
+                where nobody has said how.
             refine: whether sub-steps are chosen anew as finely as a fit's own; without it the
                 scheme errs by up to 5e-5 of the stroke, which is enough to compare models.
 
@@ -169,6 +170,7 @@ class Fit:
                     f"{record.name} has {what} {other} and the fit was made in {mine}: give a "
                     "record of the same units"
                 )
+        record = record.driven(self.records[0].between)
         for index, own in enumerate(self.records):
             if _same_start(own, record):
                 question = self.question.with_records(record)
@@ -236,7 +238,7 @@ class Fit:
             "records": [r.name for r in self.records],
             "sampling": [
                 {
-                    "samples": len(r), "step": r.step,
+                    "samples": len(r), "step": r.step, "between": r.between.value,
                     "drive": [float(r.drive.min()), float(r.drive.max())],
                 }
                 for r in self.records

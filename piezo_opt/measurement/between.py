@@ -14,3 +14,5 @@ class Between(Enum):
     """Constant, then a step at the next sample: a digital-to-analogue converter."""
     BANDLIMITED = "bandlimited"
     """The one smooth signal without content above half the sampling rate: a filtered multisine."""
+    UNKNOWN = "unknown"
+    """Nobody has said: on a straight line, until a first fit tells (``as_driven``)."""

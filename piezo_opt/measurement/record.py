@@ -70,7 +70,7 @@ class Measurement:
     name: str = "record"
     drive_unit: str = "V"
     position_unit: str = "m"
-    between: Between = Between.LINEAR
+    between: Between = Between.UNKNOWN
     period: float | None = None
     startup: float = 0.0
     source: str = ""
@@ -225,6 +225,12 @@ class Measurement:
             follows = (coherence > 0.5) & (power > 1e-8 * power.max())
             size = np.where(follows, np.abs(cross) / power, 0.0)
         return frequencies(length, rate), np.nan_to_num(size)
+
+    def driven(self, between: Between | None) -> Measurement:
+        """The record with that way of its drive between samples, where nobody has said one."""
+        if between is None or self.between is not Between.UNKNOWN:
+            return self
+        return self.with_(between=between, allow_saturated=True)
 
     def evenly(self, values: FloatArray) -> FloatArray:
         """A signal (N,) on as many even instants, by straight lines where they are not even."""

@@ -91,7 +91,7 @@ def measurement_from(table: Table, name: str, wanted: Wanted) -> Measurement:
             name=str(said.get("name", name)),
             drive_unit=drive_unit,
             position_unit=position_unit,
-            between=wanted.between or said.get("between", Between.LINEAR),
+            between=wanted.between or said.get("between", Between.UNKNOWN),
             period=None if period is None else quantity(period, "s"),
             startup=quantity(startup, "s"),
             source=str(said.get("source", os.path.basename(table.file))),

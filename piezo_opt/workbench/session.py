@@ -90,6 +90,7 @@ class Session:
             lines += [
                 "",
                 "# The default model.",
+                "records, held = po.as_driven(records)",
                 "model, remarks = po.default_model(records)",
                 "fit_0 = po.solve(po.Identification(model, records))",
             ]

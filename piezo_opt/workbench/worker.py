@@ -206,7 +206,13 @@ class _Memory:
 
     def fit(self, session: Session, send: Callable[[Message], None], *, tell: bool) -> Fit:
         """The fit of the steps that hold; what is not known of the way there is solved now."""
-        from piezo_opt.identification import Ending, Identification, default_model, solve
+        from piezo_opt.identification import (
+            Ending,
+            Identification,
+            as_driven,
+            default_model,
+            solve,
+        )
 
         records = self.check(session.load).fit_for_use()
         fit: Fit | None = None
@@ -216,8 +222,10 @@ class _Memory:
             if known is None:
                 send(Begun(depth))
                 if fit is None:
-                    model, self._remarks = default_model(records)
-                    question, start = Identification(model, records), None
+                    driven, held = as_driven(records)
+                    model, remarks = default_model(driven)
+                    self._remarks = (*held, *remarks)
+                    question, start = Identification(model, driven), None
                 else:
                     question, start = at.path[-1].question(fit), begin(at.path[-1], fit)
                 known = solve(

@@ -82,7 +82,7 @@ def test_names_of_files_are_data_in_the_script_and_never_code() -> None:
     assert {NASTY, '")#\nimport os'} <= texts
     imported = [n.names[0].name for n in ast.walk(tree) if isinstance(n, ast.Import)]
     assert imported == ["sys", "piezo_opt"]
-    assert sum(isinstance(n, ast.Assign) for n in tree.body) == 2 + 2 + 2 * 7 + 1
+    assert sum(isinstance(n, ast.Assign) for n in tree.body) == 2 + 3 + 2 * 7 + 1
 
 
 def test_an_effect_is_written_with_what_is_unusual_about_it() -> None:
