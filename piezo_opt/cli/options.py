@@ -45,7 +45,8 @@ RecordName: TypeAlias = Annotated[
     ),
 ]
 BetweenSamples: TypeAlias = Annotated[
-    Between | None, Option(help="How the drive moves between samples.")
+    Between | None,
+    Option(help="How the drive moves between samples; by default as the file or the record says."),
 ]
 Period: TypeAlias = Annotated[
     str | None, Option(metavar="'0.2 s'", help="Period of a steady state that repeats.")
