@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property
-from pathlib import Path
 from typing import final
 
 import numpy as np
 from scipy.special import erf
 
 from piezo_opt.measurement import FloatArray
-from piezo_opt.readers.extras import needed
+from piezo_opt.video.writing import film
+
+__all__ = ["Scene", "Speckles", "film", "lit"]
 
 _DARKEST, _BRIGHTEST = 20.0, 60.0
 """Levels of a speckle's middle."""
@@ -99,37 +98,6 @@ class Scene:
 def lit(picture: FloatArray, bright: float, slope: float) -> FloatArray:
     """A picture (H, W) in other light: times bright, plus up to slope levels to the right."""
     return np.asarray(bright * picture + slope * np.linspace(0.0, 1.0, picture.shape[1]))
-
-
-def film(
-    path: Path,
-    pictures: Iterable[FloatArray],
-    times: Iterable[float],
-    *,
-    codec: str = "ffv1",
-    options: Mapping[str, str] | None = None,
-) -> None:
-    """Write pictures (H, W) as a video, each with its own instant [s].
-
-    ``ffv1`` keeps every level; other codecs lose some. The container follows the suffix: .mkv
-    counts milliseconds, .mp4 ninety thousandths.
-    """
-    av = needed("av", extra="video", what="films")
-    grey = {"ffv1": "gray", "mjpeg": "yuvj420p"}.get(codec, "yuv420p")
-    with av.open(str(path), "w") as container:
-        stream, base = None, Fraction(1, 1000 if path.suffix == ".mkv" else 90_000)
-        for picture, time in zip(pictures, times, strict=True):
-            if stream is None:
-                stream = container.add_stream(codec, rate=25, options=dict(options or {}))
-                stream.height, stream.width = picture.shape
-                stream.pix_fmt = grey
-                stream.time_base = stream.codec_context.time_base = base
-            levels = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
-            frame = av.VideoFrame.from_ndarray(levels, format="gray").reformat(format=grey)
-            frame.pts, frame.time_base = round(time / float(base)), base
-            container.mux(stream.encode(frame))
-        if stream is not None:
-            container.mux(stream.encode())
 
 
 def _gathered(middle: FloatArray, size: FloatArray, count: int) -> FloatArray:

@@ -21,7 +21,8 @@ _HALF: Final = 24
 @final
 @dataclass(frozen=True)
 class Kind:
-    """A kind of film: how it is coded, its noise [levels], and how its light drifts."""
+    """A kind of film: how it is coded, its noise [levels], how its light drifts, and the largest
+    sigma [px] of a frame that counts."""
 
     name: str
     codec: str = "ffv1"
@@ -29,6 +30,7 @@ class Kind:
     noise: float = 2.0
     drift: float = 0.1
     suffix: str = ".mkv"
+    sure: float = 0.25
 
 
 _QUIET: Final = ("x265-params", "log-level=none")
@@ -48,6 +50,13 @@ KINDS: Final = (
     *(
         Kind(f"HEVC, crf {crf}", "libx265", (("crf", crf), _QUIET), suffix=".mp4")
         for crf in ("18", "22", "26")
+    ),
+    Kind(
+        "HEVC, crf 22, no B frames", "libx265", (("crf", "22"), ("bf", "0"), _QUIET), suffix=".mp4"
+    ),
+    Kind(
+        "HEVC, crf 26, sigma up to 0.05", "libx265", (("crf", "26"), _QUIET), suffix=".mp4",
+        sure=0.05,
     ),
 )  # fmt: skip
 """From the best to the worst of each codec."""
@@ -289,8 +298,9 @@ def _tracked(
         path = Path(folder) / f"film{kind.suffix}"
         film(path, pictures, times.tolist(), codec=kind.codec, options=dict(kind.options))
         return track(
-            path, scale="1 um/px", reference="-40,70", box=box, progress=options.get("tell")
-        )
+            path, scale="1 um/px", reference="-40,70", box=box, sure=kind.sure,
+            progress=options.get("tell"),
+        )  # fmt: skip
 
 
 def _locking(error: FloatArray, place: FloatArray) -> float:

@@ -44,6 +44,12 @@ def track(
     whole_pixels: Annotated[
         bool, Option("--whole-pixels", help="Round places to pixels, to see what that costs.")
     ] = False,
+    sure: Annotated[
+        float,
+        typer.Option(
+            metavar="PX", help="Leave out frames whose sigma is larger; a quarter pixel at most."
+        ),
+    ] = 0.25,
     drive: Annotated[
         Path | None,
         Option(metavar="FILE", help="Time and voltage of the drive: makes a whole record."),
@@ -88,7 +94,7 @@ def track(
     with telling("Track") as tell:
         found = followed(
             video, scale=scale, reference=reference, box=box, search=search, rate=rate,
-            whole_pixels=whole_pixels, max_time=limit, progress=tell,
+            whole_pixels=whole_pixels, sure=sure, max_time=limit, progress=tell,
         )  # fmt: skip
     record = None if volts is None else found.record(volts, begun)
     echo(str(found))

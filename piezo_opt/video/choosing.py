@@ -10,7 +10,6 @@ import numpy as np
 from piezo_opt.errors import InputError
 from piezo_opt.measurement import FloatArray
 from piezo_opt.video.box import MARGIN, SMALLEST, Box
-from piezo_opt.video.coding import Coding
 from piezo_opt.video.frames import Frame, library
 from piezo_opt.video.judging import Judged, judged
 from piezo_opt.video.learning import cut
@@ -26,7 +25,7 @@ _AS_FAR: Final = 0.8
 """Share of the farthest motion that a box must show to be on what moves, and not half on it."""
 
 
-def chosen(frames: Sequence[Frame], reach: float | None, coding: Coding) -> tuple[Box, str]:
+def chosen(frames: Sequence[Frame], reach: float | None) -> tuple[Box, str]:
     """The box that is followed best among those that move farthest, and a sentence about it.
 
     Boxes are tried where the picture changes with time, and where its corners are strong (the
@@ -37,7 +36,6 @@ def chosen(frames: Sequence[Frame], reach: float | None, coding: Coding) -> tupl
     Args:
         frames: a few, spread over the video; the box is in the first.
         reach: how far from its box the feature may be [px].
-        coding: of the video.
 
     Raises:
         InputError: no box of the first frame is found again.
@@ -53,7 +51,7 @@ def chosen(frames: Sequence[Frame], reach: float | None, coding: Coding) -> tupl
         except InputError:
             continue
         seen = [sightings(one.image, pattern, Area(box, reach)) for one in frames]
-        found = judged(seen, pattern, coding)
+        found = judged(seen, pattern)
         valid = [why is None for why in found.lost]
         if np.mean(valid) >= _FOLLOWED:
             left = [s[0].registered.unexplained for s, ok in zip(seen, valid, strict=True) if ok]

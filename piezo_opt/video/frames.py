@@ -28,11 +28,13 @@ _SIXTEEN_BITS = 257.0
 @final
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One picture: its number from 0, its instant [s], and its grey levels (H, W), 0 to 255."""
+    """One picture: its number from 0, its instant [s], its grey levels (H, W), 0 to 255, and how
+    it is coded: "I" by itself, "P" and "B" from others."""
 
     number: int
     time: float
     image: FloatArray
+    kind: str = "I"
 
 
 @final
@@ -77,14 +79,15 @@ class Video:
                         f"{self.path}: frame {count} is at {time:.6g} s, not after the frame "
                         f"before it ({last:.6g} s): give the rate of the camera, rate='25 Hz'"
                     )
-                yield Frame(count, time, _grey(decoded))
+                kind = library("av.video.frame").PictureType(decoded.pict_type).name
+                yield Frame(count, time, _grey(decoded), kind)
                 count, last = count + 1, time
         if count == 0:
             raise InputError(f"{self.path}: has no frames: record or export it again")
 
     @property
-    def coding(self) -> Coding:
-        """How it is coded, by its first frames.
+    def coding(self) -> Coding | None:
+        """How it is coded, by its first frames; None without losses or prediction.
 
         Raises:
             InputError: the file is no video, or breaks off.

@@ -12,7 +12,6 @@ import numpy as np
 from scipy.stats import chi2
 
 from piezo_opt.measurement import FloatArray
-from piezo_opt.video.coding import Coding
 from piezo_opt.video.learning import UNSURE, half_a_pixel
 from piezo_opt.video.pattern import Pattern, Registered
 from piezo_opt.video.sighting import Sighting
@@ -32,7 +31,7 @@ class Lost(Enum):
     GONE = "nothing like the feature is in the picture"
     UNLIKE = "the feature looks different, is covered, or is gone"
     TWICE = "two places look like the feature"
-    UNSURE = "the place is not sure to half a pixel"
+    UNSURE = "the place is not sure enough"
 
 
 @final
@@ -45,20 +44,38 @@ class Judged:
         covariance: (N, 2, 2) [px^2].
         lost: why, frame by frame; None where a place is believed.
         unevenness: variance of a place, as blocks disagree, over that of independent noise.
+        white: mean variance of a place by independent noise [px^2].
     """
 
     place: FloatArray
     covariance: FloatArray
     lost: tuple[Lost | None, ...]
     unevenness: float
+    white: float
+
+    @property
+    def variance(self) -> float:
+        """Mean variance of a place, as blocks disagree [px^2]."""
+        return self.unevenness * self.white
+
+    @property
+    def coded(self) -> float:
+        """What of it is more than independent noise makes [px^2]."""
+        return (self.unevenness - 1.0) * self.white
 
 
-def judged(seen: Sequence[Sequence[Sighting]], pattern: Pattern, coding: Coding) -> Judged:
+def judged(
+    seen: Sequence[Sequence[Sighting]],
+    pattern: Pattern,
+    common: Sequence[FloatArray] | None = None,
+    *,
+    sure: float = UNSURE,
+) -> Judged:
     """What each frame is believed to show.
 
     A window is taken for the feature when it has at least half its usual contrast, and differs from
     the pattern by no more than noise and what half a pixel would make. A frame with two such
-    windows is not believed, nor one whose place is not sure to half a pixel (two sigma).
+    windows is not believed, nor one whose place is not sure: to half a pixel (two sigma), or less.
 
     The covariance is that of independent noise of the frame's own size, times how much more the
     blocks of all frames disagree than such noise makes them (their median, one at least), or the
@@ -67,7 +84,8 @@ def judged(seen: Sequence[Sequence[Sighting]], pattern: Pattern, coding: Coding)
     Args:
         seen: places frame by frame, the best first.
         pattern: of the feature.
-        coding: of the video, for what all blocks of a frame err alike.
+        common: variances (2,) [px^2] of what all blocks of a frame err alike, frame by frame.
+        sure: sigma [px] beyond which a place is not believed.
     """
     best = [places[0].registered for places in seen if places]
     gain = float(np.median([one.gain for one in best])) if best else 1.0
@@ -79,8 +97,9 @@ def judged(seen: Sequence[Sequence[Sighting]], pattern: Pattern, coding: Coding)
         bearable = _NOISIER * noise * max(1.0, one.gain / gain) + changed * one.gain**2
         return one.gain >= _CONTRAST * gain and one.variance <= bearable
 
-    ratios = [one.unevenness for one in best if taken(one)]
-    unevenness = max(1.0, float(np.median(ratios))) if ratios else 1.0
+    good = [one for one in best if taken(one)]
+    unevenness = max(1.0, float(np.median([one.unevenness for one in good]))) if good else 1.0
+    white = float(np.mean([0.5 * np.trace(one.white) for one in good])) if good else 0.0
     place = np.full((len(seen), 2), np.nan)
     covariance = np.full((len(seen), 2, 2), np.nan)
     lost: list[Lost | None] = []
@@ -95,14 +114,14 @@ def judged(seen: Sequence[Sequence[Sighting]], pattern: Pattern, coding: Coding)
         else:
             one = places[0].registered
             own = one.white * max(unevenness, one.unevenness / _by_chance(one.blocks))
-            block = one.blocks * (unevenness - 1.0) * 0.5 * float(np.trace(one.white))
-            own = own + (coding.rounding**2 + coding.shared * block) * np.eye(2)
-            if float(np.linalg.eigvalsh(own)[1]) > UNSURE**2:
+            if common is not None:
+                own = own + np.diag(common[number])
+            if float(np.linalg.eigvalsh(own)[1]) > sure**2:
                 why = Lost.UNSURE
             else:
                 place[number], covariance[number] = places[0].place, own
         lost.append(why)
-    return Judged(place, covariance, tuple(lost), unevenness)
+    return Judged(place, covariance, tuple(lost), unevenness, white)
 
 
 @cache

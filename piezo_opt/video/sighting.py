@@ -81,6 +81,13 @@ def sightings(image: FloatArray, pattern: Pattern, area: Area) -> tuple[Sighting
     return tuple(sorted(found, key=lambda one: one.registered.unexplained))
 
 
+def sighted(image: FloatArray, pattern: Pattern, near: FloatArray) -> Sighting | None:
+    """The pattern within a pixel or two of a place (2,) [px]; None where it is not there."""
+    height, width = pattern.shape
+    column, row = np.rint(near - 0.5 * (np.array([width, height]) - 1.0)).astype(int).tolist()
+    return _refined(image, pattern, row, column)
+
+
 def _refined(image: FloatArray, pattern: Pattern, row: int, column: int) -> Sighting | None:
     height, width = pattern.shape
     for _ in range(3):

@@ -14,11 +14,12 @@ from piezo_opt.errors import InputError
 from piezo_opt.measurement import FEWEST_SAMPLES
 from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import quantity
+from piezo_opt.video.again import common_error
 from piezo_opt.video.box import Box, point
 from piezo_opt.video.choosing import chosen
 from piezo_opt.video.frames import Frame, Video
 from piezo_opt.video.judging import Judged, judged
-from piezo_opt.video.learning import LEARNT, learnt
+from piezo_opt.video.learning import LEARNT, UNSURE, learnt
 from piezo_opt.video.result import Track
 from piezo_opt.video.sighting import Area, Sighting, sightings
 
@@ -38,6 +39,7 @@ def track(
     search: float | None = None,
     rate: float | str | None = None,
     whole_pixels: bool = False,
+    sure: float = UNSURE,
     max_time: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Track:
@@ -59,6 +61,8 @@ def track(
         rate: of the camera, ``"1 kHz"`` or [Hz], where the file's instants are missing or wrong.
         whole_pixels: round places to pixels, as a tracker without sub-pixel registration does; to
             see what that costs.
+        sure: sigma of a place [px] beyond which a frame is lost, a quarter at most: of a compressed
+            film, the frames in which most is left as it was predicted.
         max_time: [s], after which what was done is returned, as by Ctrl-C.
         progress: told where it is.
 
@@ -70,20 +74,22 @@ def track(
     metres, near, wanted = _length(scale), point(reference), None if box is None else Box.of(box)
     if search is not None and not 0.0 < search < np.inf:
         raise InputError(f"search is {search:g} pixels: give a positive distance")
+    if not 0.0 < sure <= UNSURE:
+        raise InputError(f"sure is {sure:g} pixels: give a sigma above 0, up to {UNSURE:g}")
     tell = progress or (lambda _: None)
     limit = TimeLimit(max_time)
     coding = video.coding
     notes: list[str] = []
     if wanted is None:
         tell("choosing a feature")
-        wanted, said = chosen(_spread(video), search, coding)
+        wanted, said = chosen(_spread(video), search)
         notes.append(said)
     area = Area(wanted, search)
     opening = _first(video)
     first = opening[0]
     _check_reference(near, first)
     pattern = learnt(opening, wanted, area)
-    start = judged([sightings(one.image, pattern, area) for one in opening], pattern, coding)
+    start = judged([sightings(one.image, pattern, area) for one in opening], pattern)
     why = start.lost[0]
     if why is not None:
         raise InputError(
@@ -91,6 +97,7 @@ def track(
             + ("" if search is not None else ", or say how far the feature moves, search=30")
         )
     times: list[float] = []
+    kinds: list[str] = []
     seen: list[tuple[Sighting, ...]] = []
     count = video.length
     try:
@@ -98,15 +105,21 @@ def track(
             for frame in video.frames():
                 places = sightings(frame.image, pattern, area)
                 times.append(frame.time)
+                kinds.append(frame.kind)
                 seen.append(places)
                 tell(f"frame {len(times)}" + (f" of {count}" if count else ""))
     except KeyboardInterrupt:
-        times = times[: len(seen)]
+        times, kinds = times[: len(seen)], kinds[: len(seen)]
         if len(seen) < FEWEST_SAMPLES:
             raise
         notes.append(f"Ended early, after {len(seen)} frames.")
-    found = judged(seen, pattern, coding)
-    notes += _remarks(found, seen, coding.rounding, coding.name)
+    found = judged(seen, pattern, sure=sure)
+    if coding is not None and sum(one is None for one in found.lost) >= FEWEST_SAMPLES:
+        tell("what the compression did")
+        common = common_error(video, coding, kinds, pattern, found)
+        found = judged(seen, pattern, [common.of(kind) for kind in kinds], sure=sure)
+        notes.append(common.sentence(coding.codec))
+    notes += _remarks(found, seen)
     if sum(one is None for one in found.lost) < FEWEST_SAMPLES:
         raise InputError(
             f"{path}: the feature in box {wanted} is lost in all but "
@@ -128,15 +141,8 @@ def _rounded(told: Track) -> Track:
     return replace(told, place=place, covariance=covariance, whole_pixels=True)
 
 
-def _remarks(
-    found: Judged, seen: list[tuple[Sighting, ...]], rounding: float, codec: str
-) -> list[str]:
+def _remarks(found: Judged, seen: list[tuple[Sighting, ...]]) -> list[str]:
     said = []
-    if rounding > 0.0:
-        said.append(
-            f"The video is compressed ({codec}) by moving blocks, which shifts a feature by "
-            "hundredths of a pixel: a recording without losses is known better."
-        )
     if found.unevenness > _PARTS_AGREE:
         said.append(
             "The parts of the box do not move alike: draw it tighter, so that nothing that stands "
