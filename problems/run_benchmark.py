@@ -4,6 +4,7 @@
     python problems/run_benchmark.py --only thesis_loop --starts 20 --json race.json
     python problems/run_benchmark.py --coverage 100      coverage on synthetic_recovery instead
     python problems/run_benchmark.py --coverage 100 --selected     where creep was found first
+    python problems/run_benchmark.py --drives            how much better than a triangle drives are
 
 Runs in parallel with --workers; wall times are cleanest with one. Ctrl-C prints what there is.
 """
@@ -26,6 +27,7 @@ import piezo_opt as po
 from piezo_opt.benchmark.coverage import Coverage, coverage
 from piezo_opt.benchmark.optimisers import Contender, Race, race
 from piezo_opt.effects import Creep
+from piezo_opt.signals import Criterion, best_for, ceiling
 from piezo_opt.simulation import simulate
 
 HERE = Path(__file__).resolve().parent
@@ -36,6 +38,8 @@ CONTENDERS = (
     Contender(po.CmaEs()),
     Contender(po.DifferentialEvolution()),
 )
+
+CRITERIA = (Criterion.DEVIATIONS, Criterion.DETERMINANT)
 
 
 def problem(name: str) -> ModuleType:
@@ -72,6 +76,23 @@ def show(done: int, of: int) -> None:
     print(f"\r  {done} of {of}", end=end, file=sys.stderr, flush=True)
 
 
+def drives(chosen: list[str]) -> None:
+    """The best drive for all parameters of each problem, by either criterion.
+
+    Deviations are so many times smaller than an equal triangle's, in geometric mean, and so is the
+    region in which the parameters lie together. "at most": of a static model, for any drive.
+    """
+    print(
+        f"{'problem':<22}{'parameters':>10}{'deviations':>12}{'at most':>9}{'together':>10}  drive"
+    )
+    for name in chosen:
+        fit = po.solve(problem(name).question())
+        apart, joint = (best_for(fit, criterion=one) for one in CRITERIA)
+        most = f"{ceiling(fit).at_most:.2f}" if fit.model.quasi_static else ""
+        row = f"{name:<22}{len(apart.parameters):>10}{apart.gain:>12.2f}{most:>9}"
+        print(f"{row}{joint.joint_gain:>10.2f}  {apart.drive.description}", flush=True)
+
+
 def main() -> None:
     """Read the options, run, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -82,8 +103,12 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--coverage", type=int, metavar="SEEDS", help="coverage instead")
     parser.add_argument("--selected", action="store_true", help="after a diagnosis found creep")
+    parser.add_argument("--drives", action="store_true", help="the best drives instead")
     parser.add_argument("--json", type=Path, help="write all runs to this file")
     options = parser.parse_args()
+    if options.drives:
+        drives(options.only)
+        return
     pool: Any = ProcessPoolExecutor(options.workers) if options.workers > 1 else nullcontext()
     result: Race | Coverage
     with pool as executor:

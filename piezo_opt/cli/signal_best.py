@@ -111,6 +111,13 @@ def best(
         str | None,
         Option("--for", metavar="A,B", help="Parameters to learn; by default all free ones."),
     ] = None,
+    together: Annotated[
+        bool,
+        Option(
+            "--together", help="Make the determinant of their covariance small (D-optimal), not "
+            "the deviation of each.",
+        ),
+    ] = False,
     room: Room = USUAL_ROOM, found: Found = NOWHERE, reading: Reading = AS_WRITTEN,
     checking: Checking = UNANSWERED,
 ) -> None:  # fmt: skip
@@ -122,7 +129,7 @@ def best(
     Example:
       piezo-opt signal best loop.csv --for bouc_wen.beta,bouc_wen.gamma --out next.csv
     """
-    from piezo_opt.signals import best_for
+    from piezo_opt.signals import Criterion, best_for
 
     found.check(*records, model)
     said, limit = room.said(), limit_of(room.max_time)
@@ -130,6 +137,7 @@ def best(
     with telling("Drives") as tell, limited(limit):
         told = best_for(
             fit, None if of is None else [name.strip() for name in of.split(",")],
+            criterion=Criterion.DETERMINANT if together else Criterion.DEVIATIONS,
             progress=tell, **said,
         )  # fmt: skip
     found.deliver(told)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from enum import Enum
 from typing import Final
 
 import numpy as np
@@ -51,12 +52,55 @@ def deviations(
     return dict(zip(parameters, std.tolist(), strict=True))
 
 
-def log_determinant(answer: Answer, slopes: FloatArray, parameters: Sequence[str]) -> float:
-    """log det root' root; what is not seen counts as the least that can be told from rounding."""
-    root = _root(answer, slopes, parameters)
-    strength = np.linalg.svd(root, compute_uv=False)
-    least = max(_BLIND * float(strength.max(initial=0.0)), 1e-300)
-    return 2.0 * float(np.log(np.maximum(strength, least)).sum())
+class Criterion(Enum):
+    """What is made small."""
+
+    DETERMINANT = "determinant"
+    """Of the covariance: the volume in which the parameters are (D-optimality)."""
+    DEVIATIONS = "deviations"
+    """The standard deviations of the parameters, in geometric mean, whatever their correlations."""
+
+
+def merit(
+    answer: Answer, slopes: FloatArray, parameters: Sequence[str], criterion: Criterion
+) -> float:
+    """Logarithm of the information for a noise of 1 m, p times that of one parameter.
+
+        log det C^-1, or -sum_i log C_ii,    C = covariance of the parameters, all else estimated
+
+    What is not seen counts as the least that can be told from rounding.
+    """
+    _, strength, rows = np.linalg.svd(_root(answer, slopes, parameters))
+    strength = np.maximum(strength, max(_BLIND * float(strength.max(initial=0.0)), 1e-300))
+    if criterion is Criterion.DETERMINANT:
+        return 2.0 * float(np.log(strength).sum())
+    return -2.0 * float(np.log(np.linalg.norm(rows / strength[:, None], axis=0)).sum())
+
+
+def worth(
+    answer: Answer, slopes: FloatArray, parameters: Sequence[str], criterion: Criterion
+) -> FloatArray:
+    """(N,) what each sample adds to `merit`, one on average.
+
+        N / p (f' M^-1 f - f_o' M_o^-1 f_o), or N / p sum_i (f' M^-1 e_i)^2 / C_ii
+
+    f the derivatives of a sample's reading, M = sum f f', M_o that of what is not asked for.
+    """
+    wanted = [answer.names.index(n) for n in parameters]
+    base, strength, rows = np.linalg.svd(slopes, full_matrices=False)
+    seen = strength > _BLIND * strength[0]
+    base, strength, rows = base[:, seen], strength[seen], rows[seen]
+    if criterion is Criterion.DEVIATIONS:
+        through = base @ (rows[:, wanted] / strength[:, None])
+        size = np.maximum((through**2).sum(axis=0), 1e-300)
+        own = (through**2 / size).sum(axis=1)
+    else:
+        own = (base**2).sum(axis=1)
+        others = np.delete(slopes, wanted, axis=1)
+        if others.shape[1]:
+            alone, strength, _ = np.linalg.svd(others, full_matrices=False)
+            own = own - (alone[:, strength > _BLIND * strength[0]] ** 2).sum(axis=1)
+    return np.asarray(np.maximum(own, 0.0) * (len(own) / len(wanted)))
 
 
 def _root(answer: Answer, slopes: FloatArray, parameters: Sequence[str]) -> FloatArray:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from types import ModuleType
+
 import numpy as np
 import pytest
 
 import piezo_opt as po
 from piezo_opt.effects import BoucWen, DeadZone, Offset, PiezoGain, SecondOrder
 from piezo_opt.errors import InputError
-from piezo_opt.signals import Corners, Mixed, Tones, best_for
+from piezo_opt.measurement import FloatArray
+from piezo_opt.signals import Corners, Criterion, Mixed, Tones, best_for
 from piezo_opt.signals.answer import Answer, draws
 from piezo_opt.signals.families import Room
-from piezo_opt.signals.information import deviations
+from piezo_opt.signals.information import deviations, merit, worth
 from piezo_opt.signals.planning import slow_triangle
-from problems import thesis_loop
+from piezo_opt.signals.timing import timed
+from problems import hidden_effect, thesis_loop, thesis_vibration
 
 NOISE = 20e-9
 
@@ -73,7 +77,8 @@ def test_what_is_predicted_comes_out(loop: po.Fit) -> None:
     told = best_for(loop, noise=NOISE, evaluations=40)
     assert told.gain > 3.0
     record = Answer(loop, told.drive.rate).record(told.drive.values)
-    clean = po.simulate(MODEL, record, TRUTH).reading
+    # The frequency will be known to a hundred-thousandth: so must the plant be simulated.
+    clean = po.simulate(MODEL, record, TRUTH, tolerance=1e-7).reading
     rng = np.random.default_rng(5)
     missed = []
     for _ in range(40):
@@ -81,6 +86,13 @@ def test_what_is_predicted_comes_out(loop: po.Fit) -> None:
         fit = po.solve(po.Identification(MODEL, noisy, values=TRUTH))
         missed.append([(fit.values[n] - TRUTH[n]) / told.expected[n] for n in told.parameters])
     assert np.sqrt(np.mean(np.square(missed))) == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.parametrize("problem", [hidden_effect, thesis_vibration])
+def test_three_times_better_than_a_triangle_without_mechanics_too(problem: ModuleType) -> None:
+    """Where a single slow stroke tells most of what there is."""
+    told = best_for(po.solve(problem.question()))
+    assert told.gain > 3.0
 
 
 def test_three_times_better_than_a_triangle_on_the_thesis_loop() -> None:
@@ -177,6 +189,28 @@ def test_refusals(line: po.Fit) -> None:
     ):
         with pytest.raises(InputError, match=words):
             best_for(line, evaluations=5, **options)  # type: ignore[arg-type]
+
+
+def test_time_goes_where_samples_tell_most(line: po.Fit) -> None:
+    """Of a triangle, to its ends; as fast between them as the slew rate allows."""
+    answer, wanted = Answer(line, 200.0), ("piezo_gain.d",)
+    room = Room(0.0, 80.0, 2.0, 200.0, slew=1600.0)
+
+    def look(values: FloatArray) -> tuple[float, FloatArray]:
+        told = answer.derivatives(values)
+        assert told is not None
+        asked = told[1], wanted, Criterion.DETERMINANT
+        return merit(answer, *asked), worth(answer, *asked)
+
+    start = slow_triangle(room).values
+    assert look(start)[1].mean() == pytest.approx(1.0, rel=1e-6)
+    value, values = timed(start, room, look)
+    assert value == pytest.approx(look(values)[0])
+    assert np.abs(np.diff(values)).max() * 200.0 <= 1600.0 * (1.0 + 1e-9)
+    # Half of the time at either end has three times the variance of a triangle; two ways of 80 V
+    # at 1600 V/s take a twentieth of the time.
+    assert np.var(start) / 1600.0 == pytest.approx(1.0 / 3.0, abs=0.01)
+    assert 0.85 < np.var(values) / 1600.0 < 1.0
 
 
 def test_triangle_to_compare_with(line: po.Fit) -> None:
