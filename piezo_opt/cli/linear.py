@@ -58,6 +58,12 @@ def linear(
     start: Annotated[
         Start, Option(help="The state at the beginning: estimated, or at rest.")
     ] = Start.FREE,
+    reduce: Annotated[
+        int | None,
+        Option(
+            metavar="N", help="Fewer poles for the same model, by balanced truncation, gain kept."
+        ),
+    ] = None,
     json: o.Json = None,
     report: o.Page = None,
     reading: Reading = AS_WRITTEN,
@@ -76,10 +82,13 @@ def linear(
       piezo-opt linear sweep.csv
       piezo-opt linear sweep.csv --poles 2-6 --split "3 s" --report linear.html
       piezo-opt linear steps.csv --poles 2 --zeros 0 --between held
+      piezo-opt linear steps.csv --poles 4 --zeros 1 --reduce 2
       piezo-opt linear multisine.csv --response --period "1 s"
     """
     if test and split is not None:
         raise InputError("--test and --split both say what to judge on: give one of them")
+    if response and reduce is not None:
+        raise InputError("--reduce: a frequency response has no poles: leave --response out")
     outputs.check(
         {"--json": json, "--report": report},
         overwrite=overwrite,
@@ -97,10 +106,16 @@ def linear(
             how: dict[str, Any] = {"stable": not unstable, "start": start, "detrend": detrend}
             result = _fitted(train, held_out, poles, zeros, how, tell)
     echo(str(result))
+    best = result.best if isinstance(result, OrderSearch) else result
     if isinstance(result, OrderSearch):
-        echo(f"\n{result.best}")
+        echo(f"\n{best}")
+    extra: dict[str, Any] = {}
+    if reduce is not None and not isinstance(best, FrequencyResponse):
+        fewer = best.reduced(reduce)
+        echo(f"\n{fewer}")
+        extra = {"reduced": fewer.to_dict()}
     if json is not None:
-        outputs.write_json(json, result.to_dict(), overwrite=overwrite)
+        outputs.write_json(json, {**result.to_dict(), **extra}, overwrite=overwrite)
     if report is not None:
         outputs.write_page(report, result, overwrite=overwrite)
     leave_early(isinstance(result, OrderSearch) and result.interrupted, limit)

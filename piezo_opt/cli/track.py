@@ -46,7 +46,7 @@ def track(
     ] = False,
     sure: Annotated[
         float,
-        typer.Option(
+        Option(
             metavar="PX", help="Leave out frames whose sigma is larger; a quarter pixel at most."
         ),
     ] = 0.25,

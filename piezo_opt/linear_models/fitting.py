@@ -205,6 +205,8 @@ def search_orders(
     several = sorted(set(poles))
     for number in several:
         whole(number, "A number of poles", 0)
+    if several and several[0] < 1:
+        raise InputError(f"a transfer function needs at least one pole, not {several[0]}")
     held = any(one.between is Between.HELD for one in Campaign.of(records).records)
     allowed = None if zeros is None else sorted(set(zeros))
     asked = [

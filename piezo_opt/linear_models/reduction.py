@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias, final
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.errors import InputError
-from piezo_opt.linear_models.criteria import step_criteria
+from piezo_opt.linear_models.criteria import StepCriteria, step_criteria
 from piezo_opt.linear_models.judging import state_space
 from piezo_opt.measurement import FloatArray
+from piezo_opt.units import show
 
 if TYPE_CHECKING:
     import control
@@ -28,14 +29,41 @@ class Reduced:
         system: of the order asked for.
         singular_values: (n,) Hankel singular values of the original.
         bound: no frequency's response differs by more, 2 sum of the values left out.
+        unit: of the response, "m/V".
     """
 
     system: control.StateSpace
     singular_values: FloatArray
     bound: float
+    unit: str = "1"
+
+    @property
+    def criteria(self) -> StepCriteria:
+        """Overshoot, settling time and the like of the reduced system."""
+        return step_criteria(self.system)
+
+    def __str__(self) -> str:
+        poles = ", ".join(f"{x:.4g}" for x in self.system.poles() if x.imag >= 0.0)
+        seen = self.criteria
+        return (
+            f"Reduced to {self.system.nstates} of {self.singular_values.size} poles, {poles} 1/s: "
+            f"no frequency's response is off by more than {show(self.bound, self.unit)}, the gain "
+            f"at rest is {show(seen.final, self.unit)}.\n"
+            f"A step overshoots by {100.0 * seen.overshoot:.1f} % and settles to 2 % in "
+            f"{show(seen.settling_time, 's')}."
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, SI units."""
+        return {
+            **{key: np.asarray(getattr(self.system, key)).tolist() for key in "ABCD"},
+            "singular_values": self.singular_values.tolist(),
+            "bound": self.bound,
+            "step": asdict(self.criteria),
+        }
 
 
-def truncate(system: System, order: int, *, keep_gain: bool = False) -> Reduced:
+def truncate(system: System, order: int, *, keep_gain: bool = False, unit: str = "1") -> Reduced:
     """Balanced truncation of a stable system, by the square-root method.
 
         A P + P A' + B B' = 0,    A' Q + Q A + C' C = 0,    sigma_i^2 the eigenvalues of P Q
@@ -45,6 +73,7 @@ def truncate(system: System, order: int, *, keep_gain: bool = False) -> Reduced:
         order: states that stay, 1 to n.
         keep_gain: whether the states left out follow at once (singular perturbation), which keeps
             the gain at rest; the bound is the same.
+        unit: of the response, "m/V".
 
     Raises:
         InputError: unstable, or an order that the system does not have.
@@ -60,7 +89,9 @@ def truncate(system: System, order: int, *, keep_gain: bool = False) -> Reduced:
     if not 1 <= order <= n:
         raise InputError(f"an order of {order} is asked for: give 1 to {n}")
     if float(np.linalg.eigvals(a).real.max()) >= 0.0:
-        raise InputError("an unstable system cannot be balanced: fit it with stable=True")
+        raise InputError(
+            "an unstable system cannot be balanced: fit it with stable=True, without --unstable"
+        )
     # Balancing of rows and columns first: companion forms of fast systems span many decades.
     balanced, (scale, _) = linalg.matrix_balance(a, permute=False, separate=True)
     a = np.asarray(balanced, dtype=np.float64)
@@ -83,7 +114,7 @@ def truncate(system: System, order: int, *, keep_gain: bool = False) -> Reduced:
     reduced = control.ss(
         made[0], made[1][:, None], made[2][None, :], [[d]], inputs="drive", outputs="reading"
     )
-    return Reduced(reduced, sigma, 2.0 * float(sigma[order:].sum()))
+    return Reduced(reduced, sigma, 2.0 * float(sigma[order:].sum()), unit)
 
 
 def _factor(gramian: NDArray[np.floating]) -> FloatArray:

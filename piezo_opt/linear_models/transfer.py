@@ -15,6 +15,7 @@ from piezo_opt.comparison.metrics import measure
 from piezo_opt.linear_models.cascade import ComplexArray
 from piezo_opt.linear_models.judging import least
 from piezo_opt.linear_models.question import LinearQuestion
+from piezo_opt.linear_models.reduction import Reduced, truncate
 from piezo_opt.linear_models.refining import Poles
 from piezo_opt.linear_models.remarks import remarks
 from piezo_opt.linear_models.responses import Prepared, Scale, columns
@@ -123,6 +124,16 @@ class TransferFit:
     def remarks(self) -> tuple[str, ...]:
         """What to doubt, in sentences."""
         return remarks(self)
+
+    def reduced(self, poles: int) -> Reduced:
+        """Fewer poles for the same model, by balanced truncation; the gain at rest is kept.
+
+        Raises:
+            InputError: the model is unstable, or has fewer poles.
+        """
+        first = self.question.records.records[0]
+        unit = f"{first.position_unit}/{first.drive_unit}"
+        return truncate(self.transfer, poles, keep_gain=True, unit=unit)
 
     def on(self, records: Measurement | Iterable[Measurement] | Campaign) -> tuple[Misfit, ...]:
         """The model on other records; start and offset alone are estimated there."""

@@ -28,7 +28,6 @@ from piezo_opt.signals.timing import improved, wandering
 from piezo_opt.signals.usual import usual
 from piezo_opt.units import show
 
-
 _WAYS: Final = 5
 """Drives whose time is shared out anew, the best ones found before."""
 _TRIES: Final = 1

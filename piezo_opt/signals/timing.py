@@ -80,10 +80,11 @@ def improved(
         left = list(range(len(ways)))
         while left:
             for number in left:
-                value, way = best.of[number]
-                for value, way in _moved(value, way, room, merit, look, tries // len(left), rng):
-                    best.offer(number, value, way)
-            left = sorted(left, key=lambda k: -best.of[k][0])[: len(left) // 2]
+                each = tries // len(left)
+                for value, values in _moved(*best.of[number], room, merit, look, each, rng):
+                    best.offer(number, value, values)
+            half = (len(left) + 1) // 2 if len(left) > 1 else 0
+            left = sorted(left, key=lambda k: -best.of[k][0])[:half]
     except KeyboardInterrupt:
         return best.told(interrupted=True)
     return best.told(interrupted=False)

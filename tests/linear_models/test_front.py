@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import control
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
@@ -61,9 +62,12 @@ def test_a_frequency_response(tmp_path: Path) -> None:
     [
         (("--poles", "two"), "a number or a range"),
         (("--poles", "3-1"), "goes up"),
+        (("--poles", "0"), "at least one pole"),
         (("--poles", "2", "--zeros", "4"), "give 0 to 2"),
         (("--response",), "neither has a period"),
         (("--start", "periodic"), "FREE or at REST"),
+        (("--poles", "2", "--zeros", "0", "--reduce", "3"), "give 1 to 2"),
+        (("--response", "--reduce", "1"), "has no poles"),
     ],
 )
 def test_bad_input_is_one_sentence(record: Path, arguments: tuple[str, ...], words: str) -> None:
@@ -71,6 +75,27 @@ def test_bad_input_is_one_sentence(record: Path, arguments: tuple[str, ...], wor
     assert done.exit_code == 2
     assert len(done.stderr.strip().splitlines()) == 1
     assert words in done.stderr
+
+
+def test_fewer_poles_and_what_that_costs(record: Path, tmp_path: Path) -> None:
+    done = run(record, "--poles", 3, "--zeros", 1, "--reduce", 2, "--json", tmp_path / "r.json")
+    assert done.exit_code == 0, done.output
+    assert "Reduced to 2 of 3 poles" in done.stdout
+    told = json.loads((tmp_path / "r.json").read_text())
+    reduced = told["reduced"]
+    assert len(reduced["A"]) == 2
+    assert reduced["bound"] == pytest.approx(2.0 * reduced["singular_values"][2])
+    assert reduced["step"]["final"] == pytest.approx(told["dc_gain"], rel=1e-6)
+
+
+def test_an_unstable_model_is_not_reduced(tmp_path: Path) -> None:
+    drive = steps(1, 400)
+    growing = held(control.tf([1e-7], [1.0, -2.0]), drive)
+    po.write(growing, tmp_path / "growing.csv")
+    done = run(tmp_path / "growing.csv", "--poles", 1, "--zeros", 0, "--unstable", "--reduce", 1)
+    assert done.exit_code == 2
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "an unstable system cannot be balanced" in done.stderr
 
 
 def test_the_front_door() -> None:
