@@ -16,13 +16,21 @@ FloatArray = NDArray[np.float64]
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Progress:
-    """What a solver tells while it works: iteration number, rms so far [m], seconds."""
+    """What a solver tells while it works.
+
+    Attributes:
+        iteration: its number, from 1.
+        rms: root mean square of the residuals there [m].
+        elapsed_s: seconds since the start.
+        readings: modelled reading of each record there [m]; empty where the solver has none.
+    """
 
     iteration: int
     rms: float
     elapsed_s: float
+    readings: tuple[FloatArray, ...] = ()
 
 
 ProgressCallback = Callable[[Progress], None]
@@ -43,12 +51,12 @@ class Monitor:
         self.best: FloatArray | None = None
         self.best_cost = np.inf
 
-    def iterate(self, theta: FloatArray, rms: float) -> None:
+    def iterate(self, theta: FloatArray, rms: float, readings: tuple[FloatArray, ...] = ()) -> None:
         """Record one iterate and show it."""
         self._values.append(np.array(theta))
         self._rms.append(rms)
         if self._callback is not None:
-            self._callback(Progress(len(self._rms), rms, self.elapsed_s))
+            self._callback(Progress(len(self._rms), rms, self.elapsed_s, readings))
 
     def saw(self, theta: FloatArray, cost: float) -> None:
         """Remember the best of all evaluated points."""

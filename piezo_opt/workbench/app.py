@@ -244,11 +244,13 @@ def _view(bench: Bench, asked: Mapping[str, str]) -> str:
     part = window(time, begin, end)
     units = bench.looked.told["records"][index]["units"]
     fit, score = bench.fits.get(bench.shown), bench.scores.get(bench.shown)
-    name = asked.get("suspect", "")
+    # Of a model that is being solved the last iterate is drawn, which no suspect was scored at.
+    readings = bench.drawn or (() if fit is None else fit.readings)
+    name = "" if bench.drawn else asked.get("suspect", "")
     seen = Seen(
         time[part], drive[part], position[part], bench.looked.counted[index][part],
         units["drive"], units["position"],
-        [] if fit is None else [("modelled", fit.readings[index][part])],
+        [("modelled", readings[index][part])] if readings else [],
         None if score is None or name not in score.curves
         else (f"what {name} would explain of it", score.curves[name][index][part]),
     )  # fmt: skip

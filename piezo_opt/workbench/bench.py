@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final, final
 
 from piezo_opt.errors import InputError
+from piezo_opt.measurement import FloatArray
 from piezo_opt.workbench.answers import Checked, Fitted, Judged, Looked, Planned, Scored
 from piezo_opt.workbench.edits import Edit
 from piezo_opt.workbench.load import Load
@@ -22,6 +23,7 @@ from piezo_opt.workbench.session import Session
 from piezo_opt.workbench.worker import (
     Ahead,
     Begun,
+    Drawn,
     Ended,
     Found,
     Headers,
@@ -65,6 +67,7 @@ class Bench:
         self.file = file
         self.version = 0
         self.looked: Looked | None = None
+        self.drawn: tuple[FloatArray, ...] | None = None
         self.fits: dict[int, Fitted] = {}
         self.judged: dict[int, Judged] = {}
         self.scores: dict[int, Scored] = {}
@@ -390,11 +393,14 @@ class Bench:
                     "click starts another."
                 )
             case Begun(depth):
-                self._solving, self._iterates = depth, []
+                self._solving, self._iterates, self.drawn = depth, [], None
                 self._tell("begun", {"depth": depth})
             case Iterate(number, rms):
                 self._iterates.append(rms)
                 self._tell("iterate", {"number": number, "rms": rms})
+            case Drawn(readings):
+                self.drawn = readings
+                self._tell("drawn", {})
             case Looked():
                 self.looked, self.problem = message, ""
                 self._changed()
@@ -407,7 +413,7 @@ class Bench:
             case Ahead():
                 self._best = message
             case Solved(depth, fit):
-                self.fits[depth] = fit
+                self.fits[depth], self.drawn = fit, None
                 self._unsolved = -1 if depth == self._unsolved else self._unsolved
                 self._changed()
             case Planned() | Found() if self._stopped:
@@ -440,7 +446,7 @@ class Bench:
     def _over(self, failed: str) -> None:
         """A job has ended; a step that could not be solved is taken back."""
         job, self._job = self._job, None
-        self._solving, self._iterates = -1, []
+        self._solving, self._iterates, self.drawn = -1, [], None
         stopped, self._stopped = self._stopped, False
         if self.unkept:
             self._keep()

@@ -7,10 +7,12 @@ there is one, and nothing else.
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -20,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeAlias, final
 
 from piezo_opt.errors import InputError, PiezoOptError
-from piezo_opt.measurement import Campaign, Check
+from piezo_opt.measurement import Campaign, Check, FloatArray
 from piezo_opt.readers import headers
 from piezo_opt.workbench.answers import (
     Checked,
@@ -41,9 +43,12 @@ from piezo_opt.workbench.load import Load
 from piezo_opt.workbench.session import Session
 
 if TYPE_CHECKING:  # loaded when they are needed, or while nothing is asked
-    from piezo_opt.identification import Fit
+    from piezo_opt.identification import Fit, Progress
+    from piezo_opt.identification.monitor import ProgressCallback
 
 
+_EVERY_S: Final = 0.5
+"""After which the curve of a model that is being solved is drawn again."""
 _VISIBLE: Final = 0.02
 """Change of the error that is worth telling."""
 _SMALL: Final = 1 << 22
@@ -97,6 +102,14 @@ class Iterate:
 
 @final
 @dataclass(frozen=True, eq=False)
+class Drawn:
+    """What the model reads of each record at the last iterate [m]."""
+
+    readings: tuple[FloatArray, ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class Solved:
     """A step, by the edits that led to it."""
 
@@ -139,7 +152,7 @@ class Ended:
 
 
 Message: TypeAlias = (
-    Begun | Iterate | Solved | Ahead | Found | Ended
+    Begun | Iterate | Drawn | Solved | Ahead | Found | Ended
     | Looked | Checked | Judged | Scored | Planned | Headers | str
 )  # fmt: skip
 
@@ -228,9 +241,7 @@ class _Memory:
                     question, start = Identification(model, driven), None
                 else:
                     question, start = at.path[-1].question(fit), begin(at.path[-1], fit)
-                known = solve(
-                    question, start=start, progress=lambda p: send(Iterate(p.iteration, p.rms))
-                )
+                known = solve(question, start=start, progress=_showing(send, curves=tell))
                 if known.outcome.ending is Ending.INTERRUPTED:
                     raise KeyboardInterrupt
                 self._fits[at.key] = known
@@ -239,6 +250,20 @@ class _Memory:
                 send(Solved(depth, fitted(fit, self._remarks if depth == 0 else ())))
         assert fit is not None
         return fit
+
+
+def _showing(send: Callable[[Message], None], *, curves: bool) -> ProgressCallback:
+    """Tells every iterate, and now and then what the model reads there, where it is to be seen."""
+    last = -math.inf
+
+    def told(progress: Progress) -> None:
+        nonlocal last
+        send(Iterate(progress.iteration, progress.rms))
+        if curves and progress.readings and time.monotonic() - last > _EVERY_S:
+            send(Drawn(progress.readings))
+            last = time.monotonic()
+
+    return told
 
 
 def run(connection: Connection) -> None:

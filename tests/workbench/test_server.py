@@ -19,7 +19,7 @@ from starlette.testclient import TestClient
 
 from piezo_opt.effects import Creep
 from piezo_opt.modelfile import read_model
-from piezo_opt.workbench.app import application
+from piezo_opt.workbench.app import _view, application
 from piezo_opt.workbench.bench import Bench
 from piezo_opt.workbench.edits import Add, Remove
 from piezo_opt.workbench.load import Load, Source
@@ -156,6 +156,37 @@ def test_a_story_gives_a_script_with_exactly_its_numbers(
     # All of it is in the file, whoever kills the server now.
     kept = read_session(page.bench.file)
     assert (kept.depth, len(kept.edits), kept.script) == (3, 4, page.get("download/script.py").text)
+
+
+def test_the_model_is_drawn_while_it_is_solved(page: Page) -> None:
+    load = page.state()["load"]
+    load["sources"][0]["said"] = {"trim": ":19.9 s"}  # which no test before has had solved
+    page.step("load", load=load)
+    seen: list[tuple[str, Any]] = []
+    heard = page.bench._heard
+
+    def listening(worker: Any, message: Any) -> None:
+        heard(worker, message)
+        view = json.loads(_view(page.bench, {"record": "0", "suspect": "creep"}))
+        seen.append((type(message).__name__, view["time"]["panels"]))
+
+    page.bench._heard = listening  # type: ignore[method-assign]
+    try:
+        state = page.step("fit")
+    finally:
+        page.bench._heard = heard  # type: ignore[method-assign]
+    names = [name for name, _ in seen]
+    first = names.index("Drawn")
+    assert first < names.index("Solved")
+    below = seen[first][1][1]
+    left = np.array(below["traces"][0]["y"]) / below["up"]["factor"]
+    assert len(below["traces"]) == 1  # suspects were scored elsewhere
+    trace = state["steps"][0]["trace"]
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(trace[0], rel=1e-6)
+    left = np.array(seen[-1][1][1]["traces"][0]["y"]) / seen[-1][1][1]["up"]["factor"]
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(trace[-1], rel=1e-6)
+    load["sources"][0]["said"] = {}
+    page.step("load", load=load)
 
 
 def replayed(page: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:

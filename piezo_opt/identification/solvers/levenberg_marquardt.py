@@ -97,7 +97,7 @@ class LevenbergMarquardt:
                 "(values={...}) or tighter bounds.",
             )  # fmt: skip
         objective.monitor.saw(theta, cost)
-        objective.monitor.iterate(theta, objective.rms(point.residual))
+        objective.monitor.iterate(theta, objective.rms(point.residual), point.readings)
         damping, growth = 1e-4, _GROWTH
         floor = 1e-30 * max(cost, 1e-300)
         norms = np.zeros(theta.size)
@@ -149,7 +149,7 @@ class LevenbergMarquardt:
             growth = _GROWTH
             theta, cost = trial, trial_cost
             objective.monitor.saw(theta, cost)
-            objective.monitor.iterate(theta, objective.rms(ahead.residual))
+            objective.monitor.iterate(theta, objective.rms(ahead.residual), ahead.readings)
             if decrease <= self.tolerance * cost and predicted <= self.tolerance * cost:
                 return Solution(theta, Ending.CONVERGED, "the cost stopped falling", point=ahead)
             history.append(cost)

@@ -124,8 +124,8 @@ function draw() {
     marks: () => marks.map((pair) => pair.map((t) => t * factor)),
   };
   put("overlay", above, overTime, ends);
-  $("residual-part").hidden = !state.fit;
-  if (state.fit) put("residual", below, overTime, ends);
+  $("residual-part").hidden = !below.traces.length;
+  if (below.traces.length) put("residual", below, overTime, ends);
   const fresh = plots.plane;
   put("plane", { ...view.plane.panels[0], title: "" }, {});
   if (plots.plane !== fresh) brushable(plots.plane.plot);
@@ -466,6 +466,7 @@ source.addEventListener("iterate", (event) => {
   $("status").textContent = `Fitting: iterate ${told.number}, rms ${show(told.rms, unit)}`;
   drawError();
 });
+source.addEventListener("drawn", () => look());
 source.addEventListener("said", (event) => { $("status").textContent = JSON.parse(event.data); });
 source.addEventListener("error", () => { if (state) $("status").textContent = SILENT; });
 
