@@ -8,9 +8,9 @@ from typing import Annotated
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.declare import Argument, Option, echo
+from piezo_opt.cli.limiting import limit_of
 from piezo_opt.cli.telling import telling
 from piezo_opt.readers import read
-from piezo_opt.units import quantity
 
 
 def spiked(
@@ -38,7 +38,7 @@ def spiked(
     from piezo_opt.benchmark.spiked import spiked as measured
 
     outputs.check({"--json": json}, overwrite=overwrite, inputs=records)
-    seconds = None if max_time is None else quantity(max_time, "s")
+    seconds = limit_of(max_time).seconds
     asked = None if effects is None else [one.strip() for one in effects.split(",")]
     with telling("Bench") as tell:
         found = measured(

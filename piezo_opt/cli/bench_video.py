@@ -7,9 +7,8 @@ from typing import Annotated
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.declare import Option, echo
+from piezo_opt.cli.limiting import limit_of
 from piezo_opt.cli.telling import telling
-from piezo_opt.stopping import TimeLimit
-from piezo_opt.units import quantity
 
 
 def video(
@@ -37,7 +36,7 @@ def video(
     outputs.check({"--json": json}, overwrite=overwrite)
     rows: list[Row] = []
     leaps = None
-    limit = TimeLimit(None if max_time is None else quantity(max_time, "s"))
+    limit = limit_of(max_time)
     try:
         with telling("Films") as tell, limit:
             leaps = jumps(frames, seed=seed, progress=tell)

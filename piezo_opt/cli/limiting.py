@@ -18,7 +18,10 @@ def limit_of(max_time: str | None) -> TimeLimit:
     Raises:
         InputError: it is no positive time.
     """
-    return TimeLimit(None if max_time is None else quantity(max_time, "s"))
+    try:
+        return TimeLimit(None if max_time is None else quantity(max_time, "s"))
+    except InputError as error:
+        raise InputError(f"--max-time: {error}") from None
 
 
 @contextmanager

@@ -14,13 +14,14 @@ from piezo_opt.cli import options as o
 from piezo_opt.cli.choices import TranscriptionName
 from piezo_opt.cli.codes import INTERRUPTED
 from piezo_opt.cli.declare import Exit
+from piezo_opt.cli.limiting import limit_of
 from piezo_opt.cli.telling import telling
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Ending, Fit, Identification, Progress, solve
 from piezo_opt.identification.stuck import explains_nothing
 from piezo_opt.spread import deaf
 from piezo_opt.stopping import TimeLimit
-from piezo_opt.units import quantity, show
+from piezo_opt.units import show
 
 
 @final
@@ -43,8 +44,7 @@ class Solving:
         Raises:
             InputError: it is no positive time.
         """
-        seconds = None if self.max_time is None else quantity(self.max_time, "s")
-        return TimeLimit(seconds).seconds
+        return limit_of(self.max_time).seconds
 
     def fit(
         self,

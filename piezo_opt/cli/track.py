@@ -8,6 +8,7 @@ from typing import Annotated
 from piezo_opt.cli import options as o
 from piezo_opt.cli import outputs
 from piezo_opt.cli.declare import Argument, Option, echo
+from piezo_opt.cli.limiting import limit_of
 from piezo_opt.cli.telling import telling
 from piezo_opt.errors import InputError
 from piezo_opt.units import quantity
@@ -90,7 +91,7 @@ def track(
 
     volts = None if drive is None else read_drive(drive, between=between)
     begun = quantity(delay, "s")
-    limit = None if max_time is None else quantity(max_time, "s")
+    limit = limit_of(max_time).seconds
     with telling("Track") as tell:
         found = followed(
             video, scale=scale, reference=reference, box=box, search=search, rate=rate,

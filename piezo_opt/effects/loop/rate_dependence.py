@@ -65,8 +65,8 @@ class RateDependence(Effect):
         when=("strengthening", "scaling"),
     )  # fmt: skip
     q = Parameter(
-        "V/s", "rate of the drive at which the exponent pivots", nominal=1e4, bounds=(1e-6, 1e9),
-        fixed=True,
+        "V/s", "rate of the drive at which the exponent makes no difference", nominal=1e4,
+        bounds=(1e-6, 1e9), fixed=True,
     )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:

@@ -48,8 +48,8 @@ class HystereticForce(Effect):
         "1", "exponent", nominal=1.0, bounds=(1.0, 4.0), typical=(1.0, 2.0), fixed=True, detail=True
     )
     z_s = Parameter(
-        "m", "displacement at which the exponent pivots", nominal=1e-6, bounds=(1e-12, 1.0),
-        fixed=True,
+        "m", "displacement at which the exponent makes no difference", nominal=1e-6,
+        bounds=(1e-12, 1.0), fixed=True,
     )  # fmt: skip
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:

@@ -42,8 +42,8 @@ class BoucWen(Effect):
         "1", "exponent", nominal=1.0, bounds=(1.0, 4.0), typical=(1.0, 2.0), fixed=True, detail=True
     )
     h_s = Parameter(
-        "m", "displacement at which the exponent pivots", nominal=1e-6, bounds=(1e-12, 1.0),
-        fixed=True,
+        "m", "displacement at which the exponent makes no difference", nominal=1e-6,
+        bounds=(1e-12, 1.0), fixed=True,
     )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:

@@ -51,7 +51,7 @@ class Creep(Effect):
     )  # fmt: skip
 
     spread = Parameter(
-        "1", "distance of the elements over that of their number a decade", nominal=1.0,
+        "1", "spacing of the time constants, over the usual one", nominal=1.0,
         bounds=(0.1, 3.0), typical=(0.3, 1.7), fixed=True, detail=True,
     )  # fmt: skip
 
