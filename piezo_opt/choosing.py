@@ -50,6 +50,20 @@ def whole(value: object, what: str, least: int) -> None:
         raise InputError(f"{what} is {_shown(value)}: give a whole number from {least} on.")
 
 
+def real(value: Any, what: str) -> None:
+    """Refuse what is no real number; infinity is one.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        if isinstance(value, bool | str | complex):
+            raise TypeError("no number")
+        float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{what} is {_shown(value)}: give a number in SI units.") from None
+
+
 def words(value: object, what: str) -> None:
     """Refuse one text where several are expected: each of its letters would be one.
 

@@ -9,6 +9,7 @@ from typing import Any, Protocol, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from piezo_opt.choosing import real, whole, words
 from piezo_opt.control.plant import Plant
 from piezo_opt.errors import InputError
 from piezo_opt.units import show
@@ -40,6 +41,8 @@ class Limits:
     slew: float = float("inf")
 
     def __post_init__(self) -> None:
+        for what in ("low", "high", "slew"):
+            real(getattr(self, what), f"limits: {what}")
         if not self.low < self.high or not self.slew > 0.0:
             raise InputError(
                 f"limits {self.low} .. {self.high} V, {self.slew} V/s: the lower one is below the "
@@ -202,6 +205,17 @@ def close_loop(
     Returns:
         the loop at its N samples.
     """
+    for what in ("begin", "act"):
+        if not hasattr(controller, what):
+            raise InputError(
+                f"The controller is {controller!r}: give one, such as PID(kp, ki, kd)."
+            )
+    if not isinstance(plant, Plant) and not callable(plant):
+        raise InputError(f"The plant is {plant!r}: give ModelPlant(fit), or a function.")
+    words(reference, "reference")
+    for what, value in (("period", period), ("noise", noise), ("resolution", resolution)):
+        real(value, what)
+    whole(seed, "seed", 0)
     wanted: FloatArray = np.atleast_1d(np.asarray(reference, dtype=float))
     if wanted.ndim != 1 or wanted.size < 2 or not np.isfinite(wanted).all():
         raise InputError("reference: give at least two finite values, one for each period")

@@ -10,6 +10,7 @@ import control
 import numpy as np
 
 from piezo_opt.assembly import System, assemble
+from piezo_opt.choosing import expected
 from piezo_opt.effects import Model
 from piezo_opt.errors import ModelError
 from piezo_opt.identification import Fit
@@ -47,6 +48,7 @@ def linearise(
 
     Source: Franklin, Powell & Emami-Naeini (2015), Feedback Control of Dynamic Systems, ch. 9.
     """
+    expected((Fit, Model), plant, "The plant", "a fit, or a model with values")
     model = plant.model if isinstance(plant, Fit) else plant
     known = plant.values.of_record(0) if isinstance(plant, Fit) else {}
     numbers = Values.nominal(model).with_({**known, **(values or {})})

@@ -10,6 +10,7 @@ import casadi as ca
 import control
 import numpy as np
 
+from piezo_opt.choosing import real
 from piezo_opt.errors import InputError
 
 
@@ -60,6 +61,7 @@ class PID:
     def __post_init__(self) -> None:
         for name in ("kp", "ki", "kd", "tau"):
             value = getattr(self, name)
+            real(value, name)
             if not (0.0 <= value < float("inf")):
                 raise InputError(f"{name} = {value}: a PID takes numbers from 0 on")
         if not self.largest > 0.0:

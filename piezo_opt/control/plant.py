@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.assembly import System, assemble
+from piezo_opt.choosing import expected
 from piezo_opt.control.motion import Steps, advance_function, advance_library, fastest_pole
 from piezo_opt.effects import Delay, Model
 from piezo_opt.errors import ModelError
@@ -97,6 +98,7 @@ def system_of(
     Raises:
         ModelError: the model needs channels, or has a delay.
     """
+    expected((Fit, Model), plant, "The plant", "a fit, or a model with values")
     model = plant.model if isinstance(plant, Fit) else plant
     known = plant.values.of_record(0) if isinstance(plant, Fit) else {}
     numbers = Values.nominal(model).with_({**known, **(values or {})})

@@ -21,6 +21,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from piezo_opt.choosing import real
 from piezo_opt.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -93,6 +94,8 @@ class Shaper:
 
 def _mode(omega: float, zeta: float) -> tuple[float, float]:
     """What is left of a swing after half a period, and that half period [s]."""
+    real(omega, "omega")
+    real(zeta, "zeta")
     if not omega > 0.0 or not 0.0 <= zeta < 1.0:
         raise InputError(
             f"omega = {omega} rad/s, zeta = {zeta}: a shaper is for a mode that swings, omega > 0 "

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piezo_opt.choosing import chosen
+from piezo_opt.choosing import chosen, expected, real, whole, words
 from piezo_opt.control.closed_loop import Limits
 from piezo_opt.control.cost import Criterion
 from piezo_opt.control.identified import Identified, Source, identified
@@ -84,6 +84,16 @@ def task(
         InputError: references or a period that are none, or that the limits do not let be
             followed; a plant that runs away by itself.
     """
+    if values is not None:
+        expected(Mapping, values, "values", "SI values by name")
+    if limits is not None:
+        expected(Limits, limits, "limits", "Limits(0.0, 100.0), in volts")
+    whole(delay, "delay", 0)
+    whole(seed, "seed", 0)
+    if peak is not None:
+        real(peak, "peak")
+        if not peak > 1.0:
+            raise InputError(f"peak is {peak:g}: no loop has a sensitivity peak below 1: give 2.0.")
     known = identified(plant, values)
     step = period_of(known, period)
     model, behind = without_delay(known.model, known.numbers, step)
@@ -167,7 +177,8 @@ def references_of(reference: ArrayLike | Sequence[ArrayLike]) -> tuple[FloatArra
     Raises:
         InputError: fewer than two values, or one that is not finite.
     """
-    several = isinstance(reference, list | tuple) and np.ndim(reference[0]) == 1
+    words(reference, "reference")
+    several = isinstance(reference, list | tuple) and any(np.ndim(one) == 1 for one in reference)
     found = tuple(
         np.asarray(one, dtype=float)
         for one in (reference if several else [reference])  # type: ignore[union-attr]

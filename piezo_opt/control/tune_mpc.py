@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
+from piezo_opt.choosing import whole
 from piezo_opt.control.calm import calm
 from piezo_opt.control.closed_loop import ClosedLoop, Limits, close_loop
 from piezo_opt.control.identified import Source
@@ -199,6 +200,8 @@ def tune_mpc(
     )  # fmt: skip
     if stroke is not None and stroke[0] < stroke[1]:
         _refuse_beyond(what.asked.references, stroke)
+    if horizon is not None:
+        whole(horizon, "horizon", 1)
     search = _Search(what, stroke, preview, progress)
     given = (horizon,) if horizon is not None else tuple(
         n for n in _HORIZONS if n > what.asked.delay

@@ -8,6 +8,7 @@ from typing import Final, final
 
 import numpy as np
 
+from piezo_opt.choosing import expected
 from piezo_opt.errors import InputError
 from piezo_opt.measurement.arrays import FloatArray
 from piezo_opt.units import show
@@ -122,7 +123,12 @@ class AxesCampaign:
         """A campaign from one record, several, or one already made."""
         if isinstance(records, AxesCampaign):
             return records
-        return AxesCampaign((records,) if isinstance(records, AxesRecord) else tuple(records))
+        if isinstance(records, AxesRecord):
+            return AxesCampaign((records,))
+        several = tuple(records) if isinstance(records, Iterable) else (records,)
+        for one in several:
+            expected(AxesRecord, one, "A record", "what read_axes returns")
+        return AxesCampaign(several)
 
     def __len__(self) -> int:
         return len(self.records)

@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from piezo_opt.choosing import expected
 from piezo_opt.errors import InputError
 from piezo_opt.physics.material import VACUUM, Material
 
@@ -117,6 +118,8 @@ def material(name: str) -> Material:
     Raises:
         InputError: there is none.
     """
+
+    expected(str, name, "The material", "its name")
 
     def plain(text: str) -> str:
         return "".join(c for c in text.lower() if c.isalnum())

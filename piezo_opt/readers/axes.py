@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from piezo_opt.choosing import expected
 from piezo_opt.errors import InputError
 from piezo_opt.files import checked, replacing
 from piezo_opt.measurement.arrays import FloatArray
@@ -77,7 +78,9 @@ def _each(paths: Sequence[str | os.PathLike[str]]) -> list[Path]:
     if not paths:
         raise InputError("no file is given: name one, or a folder")
     files: list[Path] = []
-    for path in map(Path, paths):
+    for given in paths:
+        expected((str, os.PathLike), given, "The file", "its path")
+        path = Path(given)
         if path.is_dir():
             inside = sorted(p for s in (".h5", ".hdf5", ".npy") for p in path.glob(f"*{s}"))
             if not inside:

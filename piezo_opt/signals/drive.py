@@ -10,6 +10,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_opt.choosing import expected, real
 from piezo_opt.errors import InputError
 from piezo_opt.files import MOST_ROWS, replacing
 from piezo_opt.measurement import FEWEST_SAMPLES, Between, Measurement
@@ -151,6 +152,7 @@ class Drive:
         Raises:
             InputError: another suffix, or the file exists or cannot be written.
         """
+        expected((str, os.PathLike), path, "The file", "its path")
         suffix = Path(path).suffix.lower()
         if suffix not in (".csv", ".h5", ".hdf5"):
             raise InputError(f"{path}: a drive is written as .csv, .h5 or .hdf5: choose one")
@@ -191,6 +193,8 @@ def sampled(duration: float, rate: float, name: str) -> FloatArray:
     Raises:
         InputError: a duration or a rate that is not positive, or too many samples.
     """
+    real(duration, f"{name}: the time")
+    real(rate, f"{name}: rate")
     if not (0.0 < duration < np.inf and 0.0 < rate < np.inf):
         raise InputError(
             f"{name}: lasts {duration:g} s at {rate:g} Hz; give a positive time and rate"
@@ -207,5 +211,7 @@ def check_range(low: float, high: float, name: str) -> None:
     Raises:
         InputError: low is not below high.
     """
+    real(low, f"{name}: low")
+    real(high, f"{name}: high")
     if not (np.isfinite([low, high]).all() and low < high):
         raise InputError(f"{name}: from {low:g} to {high:g} does not move; give low below high")

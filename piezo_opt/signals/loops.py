@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from piezo_opt.choosing import real, whole, words
 from piezo_opt.errors import InputError
 from piezo_opt.signals.drive import Drive, check_range, sampled
 from piezo_opt.units import show
@@ -86,6 +87,7 @@ def staircase(levels: Sequence[float], hold: float, *, rate: float, unit: str = 
     Raises:
         InputError: fewer than two levels, or a hold shorter than a sample.
     """
+    words(levels, "levels")
     if len(levels) < 2:
         raise InputError("staircase: give two levels at least")
     each = sampled(hold, rate, "staircase").size
@@ -173,6 +175,8 @@ def decaying_triangles(
 
 
 def _period(frequency: float, periods: int, name: str) -> float:
+    real(frequency, f"{name}: frequency")
+    whole(periods, f"{name}: periods", 0)
     if not 0.0 < frequency < np.inf or periods < 1:
         raise InputError(
             f"{name}: {periods} periods of {frequency:g} Hz; give a positive frequency and at "

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_opt.choosing import chosen, real, whole
 from piezo_opt.errors import InputError
 from piezo_opt.signals.drive import Drive, check_range, sampled
 from piezo_opt.units import show
@@ -135,6 +136,9 @@ def multisine(
     Information Theory 16(1), 85-89.
     """
     check_range(low, high, "multisine")
+    lines, phases = chosen(Lines, lines, "lines"), chosen(Phases, phases, "phases")
+    whole(seed, "seed", 0)
+    real(period, "multisine: period")
     _check_band(lowest, highest, rate, "multisine")
     samples = period * rate
     if not period > 0.0 or abs(samples - round(samples)) > 1e-6 * samples:
@@ -190,6 +194,8 @@ def multisine(
 
 
 def _check_band(low: float, high: float, rate: float, name: str) -> None:
+    for what in (low, high, rate):
+        real(what, f"{name}: a frequency")
     if not (low > 0.0 and high > 0.0 and np.isfinite([low, high]).all()):
         raise InputError(f"{name}: from {low:g} to {high:g} Hz; give positive frequencies")
     if max(low, high) > 0.5 * rate:

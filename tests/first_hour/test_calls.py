@@ -13,6 +13,7 @@ import piezo_opt as po
 from piezo_opt import demo, effects
 from piezo_opt.stopping import TimeLimit
 
+PID = po.control.PID(1.0, 1.0, 1.0)
 FILE = Path(__file__).parents[2] / "data" / "thesis" / "hysteresis.csv"
 
 
@@ -111,6 +112,38 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "meant": (lambda f: po.signals.best_for(f, "bouc_wen.beta"), "parameters is the text"),
     "plant": (lambda _: po.tune_pid(None, [0.0, 1e-6]), "The plant is None"),  # type: ignore[arg-type]
     "numbers": (lambda _: po.Values([1, 2]), "give numbers by name"),  # type: ignore[arg-type]
+    "reference": (lambda f: po.tune_pid(f, "x"), "reference is the text 'x'"),
+    "no reference": (lambda f: po.tune_pid(f, []), "give at least two finite values"),
+    "late": (lambda f: po.tune_pid(f, [0.0, 1e-6], delay=-1), "delay is -1"),
+    "very robust": (lambda f: po.tune_pid(f, [0.0, 1e-6], peak=0.5), "peak is 0.5"),
+    "range": (
+        lambda f: po.tune_pid(f, [0.0, 1e-6], limits=(0, 9)),
+        "limits is .0, 9.: give Limits",
+    ),  # type: ignore[arg-type]
+    "volts": (lambda _: po.control.Limits("0 V", "9 V"), "low is '0 V': give a number"),  # type: ignore[arg-type]
+    "gains": (lambda _: po.control.PID("a", 1.0, 1.0), "kp is 'a': give a number"),  # type: ignore[arg-type]
+    "ahead": (lambda f: po.tune_mpc(f, [0.0, 1e-6], horizon=2.5), "horizon is 2.5"),  # type: ignore[arg-type]
+    "a plant": (
+        lambda _: po.control.close_loop(
+            None, po.control.PID(1.0, 1.0, 1.0), [0.0, 1e-6], period=1.0
+        ),  # type: ignore[arg-type]
+        "The plant is None: give ModelPlant",
+    ),
+    "a controller": (
+        lambda f: po.control.close_loop(po.control.ModelPlant(f), None, [0.0, 1e-6], period=1.0),  # type: ignore[arg-type]
+        "The controller is None",
+    ),
+    "mode": (lambda _: po.control.zv("a", 0.1), "omega is 'a'"),  # type: ignore[arg-type]
+    "low": (lambda _: po.signals.square("0 V", 5.0, 1.0, rate=99.0), "low is '0 V'"),  # type: ignore[arg-type]
+    "levels": (lambda _: po.signals.staircase("abc", 1.0, rate=9.0), "levels is the text"),  # type: ignore[arg-type]
+    "lines": (
+        lambda _: po.signals.multisine(0.0, 5.0, 1.0, 9.0, 1.0, rate=99.0, lines="x"),  # type: ignore[arg-type]
+        "lines is 'x': give Lines.FULL",
+    ),
+    "axes": (lambda _: po.read_axes(None), "The file is None"),  # type: ignore[arg-type]
+    "no axes": (lambda _: po.response_matrix(None), "A record is None"),  # type: ignore[arg-type]
+    "ceramic": (lambda _: po.physics.material(None), "The material is None"),  # type: ignore[arg-type]
+    "expected": (lambda f: po.priors_from(3, f.model), "expected is 3"),  # type: ignore[arg-type]
     "source": (lambda _: po.export_c(None, "x"), "The source is None"),  # type: ignore[arg-type]
 }
 
