@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from types import NoneType
 from typing import Any, final
 
 from piezo_opt.choosing import chosen, expected, whole, words
@@ -259,8 +260,8 @@ class Diagnosis:
                     f"{worded(point.held_out):>10} {falls:>10}".rstrip()
                 )
             lines.append(
-                "  (held out: the error on data that were not fitted; BIC charges for each further "
-                "parameter: a fall of 10 is worth it)"
+                "  (held out: the error on data that were not fitted; BIC: a criterion that "
+                "charges for each parameter; a fall of 10 is strong evidence)"
             )
         for title, sentences in (
             ("Too slight to be named", tuple(_in_words(self.slight))),
@@ -327,6 +328,8 @@ def diagnose(
         raise InputError(f"max_time={max_time}: give a positive number of seconds, or math.inf")
     effort = chosen(Effort, effort, "effort")
     whole(threads, "threads", 1)
+    expected(bool, ladder, "ladder", "True or False")
+    expected((bool, NoneType), advise, "advise", "True, False or None")
     words(withhold, "withhold")
     if test is not None:
         expected(Measurement, test, "test", "a record, such as read returns")
@@ -563,7 +566,9 @@ def _headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "open":
         before, after = show(diagnosis.fit.rms, "m"), show(diagnosis.final.rms, "m")
         if not diagnosis.steps:
-            return f"Not finished: {ended} before an effect was accepted (rms {before})."
+            fell = f"; other changes of the model brought it to {after} so far"
+            fell = fell if diagnosis.final.rms < diagnosis.fit.rms else ""
+            return f"Not finished: {ended} before an effect was accepted (rms {before}{fell})."
         names = ", ".join(_with_group(s) for s in diagnosis.steps)
         return (
             f"Not finished: when {ended}, {names} had brought the error from {before} to {after}, "

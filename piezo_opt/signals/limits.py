@@ -7,6 +7,7 @@ from typing import Final, final
 
 import numpy as np
 
+from piezo_opt.choosing import expected
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Fit
 from piezo_opt.measurement import Between
@@ -70,6 +71,8 @@ def within(drive: Drive, limits: DriveLimits, fit: Fit | ModelFile | None = None
     Raises:
         InputError: a stroke limit without a fit, or one that even the drive's first value passes.
     """
+    expected(Drive, drive, "drive", "a drive, such as triangle(...)")
+    expected(DriveLimits, limits, "limits", "DriveLimits(...)")
     values, said = drive.values, []
     inside, scale = _into(values, limits)
     if inside is not values:

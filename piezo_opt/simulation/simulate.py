@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.assembly import System, folded, named
-from piezo_opt.choosing import chosen, expected, is_number
+from piezo_opt.choosing import chosen, expected, is_number, real
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError, ModelError
 from piezo_opt.lazy import lazy
@@ -24,6 +24,7 @@ from piezo_opt.simulation.exponential import LENGTHS
 from piezo_opt.simulation.runs import Ceiling, Run
 from piezo_opt.simulation.schedule import Drive, Segment, corners, led_in, segments
 from piezo_opt.simulation.scheme import INITIAL
+from piezo_opt.units import quantity
 from piezo_opt.values import Values
 
 FloatArray = NDArray[np.float64]
@@ -386,7 +387,8 @@ def simulate(
     Args:
         model: a sum of effects.
         record: gives time, drive and channels; its position is not read.
-        values: SI values by full name; nominal ones where none are given.
+        values: SI values by full name, or texts with units, ``"0.1 um/V"``; nominal ones where
+            none are given.
         sensitivities: parameters (or ``"initial." + state``) to differentiate by.
         initial: rest or periodic steady state.
         tolerance: admissible error of the scheme as a share of the reading's range.
@@ -401,9 +403,17 @@ def simulate(
     initial = chosen(Initial, initial, "initial")
     if not (is_number(tolerance) and tolerance > 0.0):
         raise InputError(f"tolerance is {tolerance!r}: give a share of the range, such as 5e-5.")
-    numbers = {**Values.nominal(model), **(values or {})}
+    given = {
+        name: quantity(value, model.parameters[name].unit)
+        if isinstance(value, str) and name in model.parameters
+        else value
+        for name, value in (values or {}).items()
+    }
+    for name, value in given.items():
+        real(value, name)
+    numbers = {**Values.nominal(model), **given}
     # "initial.creep.z" beside "initial.creep.z[0]" is what of_record() makes of the latter.
-    unknown = [k for k in (values or {}) if not _known(k, model) and f"{k}[0]" not in numbers]
+    unknown = [k for k in given if not _known(k, model) and f"{k}[0]" not in numbers]
     if unknown:
         raise ModelError(
             f"The model has no parameter or initial state '{unknown[0]}'; its parameters are "

@@ -58,6 +58,12 @@ CALLS: dict[str, tuple[Callable[[Any], object], str]] = {
     "drive": (lambda f: po.simulate(f.model, 3), "The record is 3: give what read returns"),  # type: ignore[arg-type]
     "rest": (lambda f: po.simulate(f.model, f.records[0], initial="x"), "give Initial.REST"),  # type: ignore[arg-type]
     "share": (lambda f: po.simulate(f.model, f.records[0], tolerance=-1.0), "tolerance is -1"),
+    "ladder": (lambda f: po.diagnose(f, ladder="no"), "ladder is 'no': give True or False"),  # type: ignore[arg-type]
+    "unit": (
+        lambda f: po.simulate(f.model, f.records[0], {"piezo_gain.d": "1 V"}),
+        "'1 V' is not a quantity in m/V",
+    ),
+    "limits": (lambda _: po.signals.within(None, None), "drive is None: give a drive"),  # type: ignore[arg-type]
     "profile": (lambda f: po.profile_likelihood(f, names="a.b"), "names is the text 'a.b'"),
     "title": (lambda f: po.write_report("x.html", f, title=5), "title is 5: give a text"),  # type: ignore[arg-type]
     "values": (lambda _: po.Values({"a": "x"}), "Value of 'a' is 'x'"),  # type: ignore[dict-item]
