@@ -39,9 +39,10 @@ def as_driven(
     """Records with a drive that is held where nobody has said how it moves, and they say so.
 
     On the first such record a loop with mechanics is fitted to the drive on straight lines and to
-    the held one, each also with a delay, which is what looks like the other. The least Bayesian
-    information criterion decides, and a held drive must beat straight lines by 10. What such a
-    model lacks makes the residual correlated: its samples count as so many independent ones.
+    the held one, each also with a delay, which is what looks like the other. By the Bayesian
+    information criterion a held drive must beat straight lines by 10, and straight lines with a
+    delay. What such a model lacks makes the residual correlated: its samples count as so many
+    independent ones.
 
     Returns:
         the records, and a sentence where a drive is taken as held.
@@ -82,11 +83,11 @@ def _is_held(record: Measurement) -> bool:
     told = [along, held, *delayed]
     n = _independent(min(told, key=_squares).residual)
     price = [
-        n * np.log(max(found.squares, np.finfo(float).tiny)) + more * np.log(n)
+        float(n * np.log(max(found.squares, np.finfo(float).tiny)) + more * np.log(n))
         for found, more in zip(told, (0, 0, 1, 1), strict=True)
     ]
-    best = int(np.argmin(price))
-    return best % 2 == 1 and price[0] > price[best] + _SURE
+    line_alone, held_alone, line_late, held_late = price
+    return held_alone < line_alone - _SURE and min(held_alone, held_late) < line_late
 
 
 def _squares(found: Quick) -> float:

@@ -263,7 +263,8 @@ def test_ctrl_c_while_it_begins_is_no_traceback(loop: Path, after: float) -> Non
     time.sleep(after)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
-    assert process.returncode in (0, 130), said
+    # Once Python itself is leaving, the system ends it, as silently.
+    assert process.returncode in (0, 130, -signal.SIGINT), said
     assert "Traceback" not in said
 
 
