@@ -60,11 +60,6 @@ def test_a_delay_is_no_held_drive(delay: float) -> None:
     assert said == ()
 
 
-def test_a_delay_beside_a_held_drive_is_told_from_it() -> None:
-    campaign, _ = as_driven(record(multisine(3), Between.HELD, 0.6 * STEP))
-    assert campaign.records[0].between is Between.HELD
-
-
 def test_what_a_slow_drive_cannot_show_stays_open() -> None:
     time = np.arange(4000) * STEP
     slow = 50.0 + 40.0 * np.sin(2.0 * np.pi * 0.5 * time)
