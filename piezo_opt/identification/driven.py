@@ -40,9 +40,9 @@ def as_driven(
 
     On the first such record a loop with mechanics is fitted to the drive on straight lines and to
     the held one, each also with a delay, which is what looks like the other. By the Bayesian
-    information criterion the held drive alone must beat straight lines by 10, and both with a
-    delay: one that helps beside it chases what the model lacks, or is a delay. What such a model
-    lacks makes the residual correlated: its samples count as so many independent ones.
+    information criterion the held drive must beat straight lines by 10, alone and where either may
+    have a delay. What such a model lacks makes the residual correlated: its samples count as so
+    many independent ones.
 
     Returns:
         the records, and a sentence where a drive is taken as held.
@@ -86,8 +86,9 @@ def _is_held(record: Measurement) -> bool:
         float(n * np.log(max(found.squares, np.finfo(float).tiny)) + more * np.log(n))
         for found, more in zip(told, (0, 0, 1, 1), strict=True)
     ]
-    line_alone, held_alone, *with_delay = price
-    return held_alone < line_alone - _SURE and held_alone < min(with_delay)
+    line_alone, held_alone, line_late, held_late = price
+    straight = min(line_alone, line_late)
+    return held_alone < line_alone - _SURE and min(held_alone, held_late) < straight - _SURE
 
 
 def _squares(found: Quick) -> float:
