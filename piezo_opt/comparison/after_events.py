@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Final, Literal, final
 
 import numpy as np
+import scipy
 
-from piezo_opt.chances import chi_squared_tail
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
 from piezo_opt.comparison.turns import rests
@@ -107,7 +107,7 @@ def _sentence(
     # A constant is not a matter of time; the mean over the bins is removed before the test.
     weight = 1.0 / uncertainty**2
     moved = mean - np.sum(weight * mean) / np.sum(weight)
-    chance = chi_squared_tail(mean.size - 1, float(np.sum(weight * moved**2)))
+    chance = float(scipy.special.chdtrc(mean.size - 1, np.sum(weight * moved**2)))
     sure = uncertainty <= 0.5 * misfit.rms
     if chance > ALARM or not sure.any() or float(np.ptp(mean[sure])) < _PROMINENT * misfit.rms:
         return ""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
+import scipy
 
-from piezo_opt.chances import f_tail
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
 from piezo_opt.comparison.words import brief
@@ -65,7 +65,7 @@ def _sentence(misfit: Misfit, swing: FloatArray, rms: FloatArray, count: FloatAr
     quotient = max(ratio, 1.0 / ratio)
     if quotient < _RATIO:
         return ""
-    chance = f_tail(float(count[larger]), float(count[smaller]), quotient**2)
+    chance = float(scipy.special.fdtrc(count[larger], count[smaller], quotient**2))
     if 2.0 * chance > ALARM:
         return ""
     unit, drive = misfit.record.position_unit, misfit.record.drive_unit

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
+import scipy
 
-from piezo_opt.chances import normal_quantile
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
 from piezo_opt.comparison.words import brief
@@ -82,7 +82,7 @@ def _sentence(
     if size == 0.0:
         return ""
     score = np.where(count > 0, np.nan_to_num(mean), 0.0) * np.sqrt(count) / size
-    limit = -normal_quantile(ALARM / (4 * mean.size))
+    limit = -float(scipy.special.ndtri(ALARM / (4 * mean.size)))
     strong = (np.abs(score) > limit) & (np.abs(np.nan_to_num(mean)) > _PROMINENT * size)
     if not strong.any():
         return ""

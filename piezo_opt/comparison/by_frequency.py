@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
+import scipy
 
-from piezo_opt.chances import chi_squared_quantile
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.over_time import ALARM
 from piezo_opt.comparison.words import brief
@@ -139,7 +139,7 @@ def _tone(misfit: Misfit, spectra: ByFrequency, drive: FloatArray, independent: 
     wide = 2 * (min(31, power.size // 2) // 2) + 1
     floor = running_median(power, wide)
     freedom = 2.0 * independent
-    rare, usual = (chi_squared_quantile(freedom, p) for p in (ALARM / power.size, 0.5))
+    rare, usual = (float(scipy.special.chdtri(freedom, p)) for p in (ALARM / power.size, 0.5))
     limit = rare / usual
     with np.errstate(invalid="ignore", divide="ignore"):
         prominence = np.where(floor > 0, power / floor, np.inf)

@@ -7,8 +7,8 @@ from itertools import pairwise
 from typing import Final, final
 
 import numpy as np
+import scipy
 
-from piezo_opt.chances import f_tail
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.comparison.words import brief
 from piezo_opt.measurement import FloatArray
@@ -58,7 +58,7 @@ def _sentence(misfit: Misfit, edges: FloatArray, rms: FloatArray, sizes: FloatAr
     rest = misfit.error.size - int(sizes[worst])
     if ratio < _RATIO:
         return ""
-    chance = f_tail(float(sizes[worst]), rest, ratio**2) * rms.size
+    chance = float(scipy.special.fdtrc(sizes[worst], rest, ratio**2)) * rms.size
     if chance > ALARM:
         return ""
     unit = misfit.record.position_unit

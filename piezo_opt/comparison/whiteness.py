@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
+import scipy
 
-from piezo_opt.chances import chi_squared_tail, normal_quantile
 from piezo_opt.comparison.misfit import Misfit
 from piezo_opt.measurement import FloatArray
 
@@ -74,11 +74,11 @@ def whiteness(misfit: Misfit, lags: int = LAGS) -> Whiteness:
     most = min(lags, count // 2)
     auto = _correlated(error, error, most)
     cross = _correlated(error, drive, most)
-    band = normal_quantile(0.5 + 0.5 * LEVEL) / float(np.sqrt(count))
+    band = float(scipy.special.ndtri(0.5 + 0.5 * LEVEL)) / float(np.sqrt(count))
     ahead = auto[most + 1 :]
     lag = np.arange(1, most + 1)
     statistic = count * (count + 2) * float(np.sum(ahead**2 / (count - lag)))
-    p_value = chi_squared_tail(most, statistic)
+    p_value = float(scipy.special.chdtrc(most, statistic))
     outside = int(np.count_nonzero(np.abs(ahead) > band))
     along = int(np.count_nonzero(np.abs(cross) > band))
     return Whiteness(

@@ -11,13 +11,11 @@ from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.output.offset import Offset
 from piezo_opt.effects.strain.bouc_wen import BoucWen
 from piezo_opt.effects.strain.piezo_gain import PiezoGain
-from piezo_opt.identification.quick import quick
+from piezo_opt.identification.quick import ENOUGH, quick
 from piezo_opt.identification.stretch import busiest
 from piezo_opt.measurement import Campaign, Measurement
 from piezo_opt.measurement.spectra import without_line
 
-_ENOUGH = 20_000
-"""Samples of a long record that are enough to decide."""
 _STILL = 3e-10
 """Share of the drive's power near a resonance below which the drive cannot have shown it."""
 _SHAKEN = 3e-7
@@ -44,7 +42,7 @@ def default_model(
     record = Campaign.of(records).records[0]
     still = PiezoGain() + BoucWen() + Offset()
     moving = PiezoGain() + BoucWen() + SecondOrder() + Offset()
-    short = busiest(record, _ENOUGH)
+    short = busiest(record, ENOUGH)
     calm = quick(still, short).squares
     try:
         found = quick(moving, short)

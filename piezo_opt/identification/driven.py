@@ -18,7 +18,7 @@ from piezo_opt.effects.output.offset import Offset
 from piezo_opt.effects.strain.bouc_wen import BoucWen
 from piezo_opt.effects.strain.piezo_gain import PiezoGain
 from piezo_opt.errors import NO_FIT
-from piezo_opt.identification.quick import Quick, quick
+from piezo_opt.identification.quick import ENOUGH, Quick, quick
 from piezo_opt.identification.stretch import busiest
 from piezo_opt.identification.tall import inner
 from piezo_opt.measurement import Between, Campaign, Measurement
@@ -26,8 +26,6 @@ from piezo_opt.units import show
 
 FloatArray = NDArray[np.float64]
 
-_ENOUGH = 20_000
-"""Samples of a long record that are enough to decide."""
 _SURE = 10.0
 """Difference of the Bayesian information criterion that is very strong evidence (Kass & Raftery
 1995)."""
@@ -49,7 +47,7 @@ def as_driven(
     """
     campaign = Campaign.of(records)
     first = next((r for r in campaign.records if r.between is Between.UNKNOWN), None)
-    if first is None or not _is_held(busiest(first, _ENOUGH)):
+    if first is None or not _is_held(busiest(first, ENOUGH)):
         return campaign, ()
     held = (
         r.with_(between=Between.HELD) if r.between is Between.UNKNOWN else r

@@ -21,6 +21,9 @@ from piezo_opt.measurement import Measurement
 
 FloatArray = NDArray[np.float64]
 
+ENOUGH = 20_000
+"""Samples of a long record that are enough to choose a model by."""
+
 
 @final
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from piezo_opt.chances import t_quantile
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import InputError
 from piezo_opt.files import replacing
@@ -135,7 +135,7 @@ class Fit:
         """Confidence interval of an unknown (Student's t)."""
         counted = sum(int(record.counted.sum()) for record in self.records)
         free = max(1, counted - len(self.names))
-        half = t_quantile(free, 0.5 + 0.5 * level) * self.std[name]
+        half = float(scipy.special.stdtrit(free, 0.5 + 0.5 * level)) * self.std[name]
         return self.values[name] - half, self.values[name] + half
 
     @property

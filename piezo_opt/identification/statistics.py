@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Final, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from piezo_opt.chances import chi_squared_quantile
 from piezo_opt.identification.objective import Linearised
 from piezo_opt.identification.tall import across, inner
 from piezo_opt.simulation import INITIAL
@@ -139,7 +139,7 @@ def _coloured(r: FloatArray) -> bool:
         return False
     rho = _autocorrelation(r, lags)
     q = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
-    return bool(q > chi_squared_quantile(lags, 0.001))
+    return bool(q > scipy.special.chdtri(lags, 0.001))
 
 
 def _memory(r: FloatArray) -> int:

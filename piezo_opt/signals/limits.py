@@ -107,7 +107,7 @@ def predicted(fit: Fit | ModelFile, drive: Drive) -> FloatArray:
     if isinstance(fit, Fit):
         between, values, free = fit.records[0].between, fit.values, fit.question.free
     else:
-        between, values, free = Between.LINEAR, fit.numbers, fit.free
+        between, values, free = fit.between or Between.LINEAR, fit.numbers, fit.free
     record = drive.played(between=between)
     numbers = {k: v for k, v in values.of_record(0).items() if not k.startswith(INITIAL)}
     simulator = Simulator(fit.model, record, numbers, initial=Initial.REST, runtime=free)
