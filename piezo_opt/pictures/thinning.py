@@ -81,6 +81,18 @@ def outline(signals: list[FloatArray], most: int = MOST_POINTS) -> NDArray[np.in
     return np.unique(np.concatenate([[0], *inside, [count - 1]]).clip(max=count - 1))
 
 
+def lasting(signals: list[FloatArray]) -> NDArray[np.intp]:
+    """Samples that draw any stretch of a record that is a tenth of it or longer, found once.
+
+    They are the extremes of ten times as many stretches as a screen shows, so that each of what is
+    drawn (:func:`envelope`, :func:`outline`) still has its own.
+
+    Returns:
+        indices, ascending.
+    """
+    return outline(signals, 10 * MOST_POINTS * len(signals))
+
+
 def stretches(time: FloatArray, inside: NDArray[np.bool_], most: int = 400) -> FloatArray:
     """Instants (K, 2) [s] at which stretches of samples begin and end, at most ``most`` of them.
 

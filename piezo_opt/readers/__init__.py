@@ -235,6 +235,11 @@ def _stem(file: Path) -> str:
 
 def _suffix(file: Path) -> str:
     suffix = file.suffix.lower()
+    if suffix == ".npy":
+        raise InputError(
+            f"{file}: an array does not say its columns: 'piezo-opt axes fit' takes u_NAME.npy and "
+            "y_NAME.npy of a stage with several drives; a single record is saved as CSV"
+        )
     if suffix not in _KNOWN and not file.is_dir():
         raise InputError(
             f"{file}: nothing reads {suffix or 'a file without suffix'}: save it as CSV, or as one "

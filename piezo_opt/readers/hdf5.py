@@ -72,11 +72,15 @@ def table_from_hdf5(path: str | os.PathLike[str]) -> Table:
 
     Vectors, matrices along their shorter side and the fields of tables; a column is called by the
     path of its data set, with ``(:,2)`` or ``.field`` behind it.
+
+    Raises:
+        InputError: all there is are arrays with more axes, as of stages with several drives.
     """
     file = checked(path)
     columns: list[Column] = []
     notes: list[str] = []
     told: list[tuple[str, str]] = []
+    arrays: list[str] = []
     with opened(file) as content:
 
         def visit(name: str, item: Any) -> None:
@@ -89,9 +93,17 @@ def table_from_hdf5(path: str | os.PathLike[str]) -> Table:
                     column, said = column_of(str(file), own, values, attributes)
                     columns.append(column)
                     notes.extend(said)
+            elif isinstance(item, h5py.Dataset) and len(item.shape or ()) > 2:
+                arrays.append(f"{name!r} with {len(item.shape)}")
 
         told.extend(_clock_words(content.attrs))
         content.visititems(visit)
+    if arrays and not columns:
+        raise InputError(
+            f"{file}: holds arrays and no columns ({arrays[0]} axes): a stage with several drives "
+            "and positions is identified with 'piezo-opt axes fit'; else save time, drive and "
+            "position of one axis as columns"
+        )
     steps = steps_of((), (), [(key, value) for key, value in told])
     rows = "index {}".format
     return Table(str(file), tuple(columns), rows, notes=tuple(notes), steps=steps)

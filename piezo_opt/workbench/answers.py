@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from piezo_opt.measurement import Campaign, Check, Measurement
 from piezo_opt.pictures import Picture
 from piezo_opt.pictures.places import pictures
+from piezo_opt.pictures.thinning import lasting
 from piezo_opt.units import show
 
 if TYPE_CHECKING:  # records are shown before effects and solvers are loaded
@@ -23,6 +24,7 @@ if TYPE_CHECKING:  # records are shown before effects and solvers are loaded
     from piezo_opt.identification import Fit
 
 FloatArray = NDArray[np.float64]
+Indices = NDArray[np.intp]
 Signals = tuple[FloatArray, FloatArray, FloatArray]
 """Time [s], drive and position of a record."""
 
@@ -33,21 +35,29 @@ _SURE: Final = 1e-3
 @final
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """Records: what they show, the signals of each (time, drive, position), and what counts."""
+    """Records: what they show, the signals of each (time, drive, position), and what counts.
+
+    ``kept`` are the samples that draw a long stretch of each.
+    """
 
     told: dict[str, Any]
     signals: tuple[Signals, ...]
     counted: tuple[NDArray[np.bool_], ...]
+    kept: tuple[Indices, ...]
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A fit: what it says, the modelled reading of each record, and its iterates' rms [m]."""
+    """A fit: what it says, the modelled reading of each record, and its iterates' rms [m].
+
+    ``kept`` are the samples that draw a long stretch of each reading and residual.
+    """
 
     told: dict[str, Any]
     readings: tuple[FloatArray, ...]
     trace: tuple[float, ...]
+    kept: tuple[Indices, ...]
 
 
 @final
@@ -63,10 +73,14 @@ class Judged:
 @final
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """Suspects at a fit: what each would explain, and its curve over each record's residual."""
+    """Suspects at a fit: what each would explain, and its curve over each record's residual.
+
+    ``kept`` are the samples that draw a long stretch of each curve.
+    """
 
     told: dict[str, Any]
     curves: dict[str, tuple[FloatArray, ...]]
+    kept: dict[str, tuple[Indices, ...]]
 
 
 @final
@@ -132,9 +146,12 @@ def looked(found: Check) -> Looked | Checked:
     return Looked(told, *_arrays(found.records))
 
 
-def _arrays(records: Campaign) -> tuple[tuple[Signals, ...], tuple[NDArray[np.bool_], ...]]:
+def _arrays(
+    records: Campaign,
+) -> tuple[tuple[Signals, ...], tuple[NDArray[np.bool_], ...], tuple[Indices, ...]]:
     signals = tuple((r.time, r.drive, r.position) for r in records)
-    return signals, tuple(r.counted for r in records)
+    kept = tuple(lasting([r.drive, r.position]) for r in records)
+    return signals, tuple(r.counted for r in records), kept
 
 
 def _told(r: Measurement, remarks: Sequence[str]) -> dict[str, Any]:
@@ -193,7 +210,11 @@ def fitted(fit: Fit, remarks: Sequence[str]) -> Fitted:
         "json": data,
         "toml": model_file(fit),
     }
-    return Fitted(told, fit.readings, tuple(map(float, fit.trace.rms)))
+    kept = tuple(
+        lasting([reading, record.position - reading])
+        for record, reading in zip(fit.records, fit.readings, strict=True)
+    )
+    return Fitted(told, fit.readings, tuple(map(float, fit.trace.rms)), kept)
 
 
 def judged(fit: Fit) -> Judged:
@@ -259,7 +280,11 @@ def scored(found: Diagnosis) -> Scored:
         "unscored": [{"name": one.name, "why": one.why} for one in found.unscored],
         "noise": found.noise.sentence,
     }
-    return Scored(told, curves)
+    kept = {
+        name: tuple(lasting([np.nan_to_num(part)]) for part in parts)
+        for name, parts in curves.items()
+    }
+    return Scored(told, curves, kept)
 
 
 def model_file(fit: Fit) -> str:

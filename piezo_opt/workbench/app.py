@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from starlette.applications import Starlette
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
@@ -241,23 +242,30 @@ def _view(bench: Bench, asked: Mapping[str, str]) -> str:
     if any(v is not None and not math.isfinite(v) for v in (begin, end)):
         raise InputError("A stretch of time has two ends, in seconds.")
     assert bench.looked is not None
-    part = window(time, begin, end)
     units = bench.looked.told["records"][index]["units"]
     fit, score = bench.fits.get(bench.shown), bench.scores.get(bench.shown)
     # Of a model that is being solved the last iterate is drawn, which no suspect was scored at.
     readings = bench.drawn or (() if fit is None else fit.readings)
     name = "" if bench.drawn else asked.get("suspect", "")
-    seen = Seen(
-        time[part], drive[part], position[part], bench.looked.counted[index][part],
+    scored = score is not None and name in score.curves
+    part = window(time, begin, end)
+    seen: slice | NDArray[np.intp] = part
+    if bench.drawn is None and part.stop - part.start > time.size // 10:
+        kept = [bench.looked.kept, *([] if fit is None else [fit.kept])]
+        kept += [score.kept[name]] if score is not None and scored else []
+        each = np.unique(np.concatenate([one[index] for one in kept]))
+        seen = each[slice(*np.searchsorted(each, [part.start, part.stop]))]
+    shown = Seen(
+        time[seen], drive[seen], position[seen], bench.looked.counted[index][seen],
         units["drive"], units["position"],
-        [("modelled", readings[index][part])] if readings else [],
-        None if score is None or name not in score.curves
-        else (f"what {name} would explain of it", score.curves[name][index][part]),
+        [("modelled", readings[index][seen])] if readings else [],
+        (f"what {name} would explain of it", score.curves[name][index][seen])
+        if score is not None and scored else None,
     )  # fmt: skip
     return _json(
         {
-            "time": plain(over_time(seen, "")),
-            "plane": plain(loop(seen)),
+            "time": plain(over_time(shown, "")),
+            "plane": plain(loop(shown)),
             "samples": int(part.stop - part.start),
         }
     )

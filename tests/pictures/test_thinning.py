@@ -7,7 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from piezo_opt.pictures.thinning import MOST_POINTS, envelope, outline, stretches, window
+from piezo_opt.pictures.thinning import (
+    MOST_POINTS,
+    envelope,
+    lasting,
+    outline,
+    stretches,
+    window,
+)
 
 
 @pytest.mark.parametrize("count", [4001, 7999, 8001, 123_457])
@@ -83,3 +90,24 @@ def test_many_stretches_are_taken_together_where_the_pauses_are_shortest() -> No
     assert found.shape == (5, 2)
     assert any(end < 1001 and begin > 1098 for (_, end), (begin, _) in pairwise(found.tolist()))
     assert (found[0, 0], found[-1, 1]) == (0.0, 3997.5)
+
+
+def test_what_lasts_draws_every_stretch_of_a_tenth_as_all_samples_do() -> None:
+    count = 300_000
+    time = np.arange(count) / 1e4
+    noise = np.random.default_rng(3).standard_normal(count)
+    spiked = np.sin(3.0 * time)
+    spiked[[7, 123_456, 299_990]] += [9.0, -9.0, 9.0]
+    kept = lasting([noise, spiked])
+    assert kept.size <= 20 * MOST_POINTS
+    for part in (slice(0, count), slice(100_000, 131_000)):
+        at = kept[slice(*np.searchsorted(kept, [part.start, part.stop]))]
+        for one in (noise, spiked):
+            _, (all_,) = envelope(time[part], [one[part]])
+            _, (few,) = envelope(time[at], [one[at]])
+            assert (few.min(), few.max()) == (all_.min(), all_.max())
+        # Noise fills as much of the screen; that of a stretch's neighbour may be the larger one.
+        _, (all_,) = envelope(time[part], [noise[part]])
+        _, (few,) = envelope(time[at], [noise[at]])
+        swings = [np.median(np.abs(one[1::2] - one[::2])) for one in (few, all_)]
+        assert swings[0] > 0.9 * swings[1]

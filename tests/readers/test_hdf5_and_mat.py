@@ -164,6 +164,16 @@ class TestHdf5:
             read(tmp_path / "a.h5")
         assert "a.h5" in str(caught.value)
 
+    def test_arrays_of_several_drives_are_pointed_to_the_command_for_them(
+        self, tmp_path: Path
+    ) -> None:
+        with h5py.File(tmp_path / "a.h5", "w") as content:
+            content["100mV/voltage"] = np.zeros((16, 3, 2, 2))
+        np.save(tmp_path / "u_a.npy", np.zeros((16, 3, 2, 2)))
+        for name in ("a.h5", "u_a.npy"):
+            with pytest.raises(InputError, match="piezo-opt axes fit"):
+                read(tmp_path / name)
+
     def test_too_many_samples_are_refused_before_they_are_read(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
