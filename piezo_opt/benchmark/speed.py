@@ -389,6 +389,7 @@ def _shares(run: Callable[[], object], repetitions: int) -> tuple[float, float]:
     places = (
         (library.loaded, "po_run"),
         (objective, "normal_equations"),
+        (objective, "inner"),
         (levenberg_marquardt, "_step"),
         (starting, "_linear_step"),
     )

@@ -49,8 +49,14 @@ class Linearised:
     readings: tuple[FloatArray, ...] = ()
 
     @lazy
-    def normal(self) -> tuple[float, FloatArray, FloatArray]:
-        """``r'r``, ``J'r`` (k,) and ``J'J`` (k, k)."""
+    def squares(self) -> float:
+        """``r'r``."""
+        with np.errstate(over="ignore"):
+            return inner(self.residual, self.residual)
+
+    @lazy
+    def normal(self) -> tuple[FloatArray, FloatArray]:
+        """``J'r`` (k,) and ``J'J`` (k, k)."""
         return normal_equations(self.jacobian, self.residual)
 
     @lazy
@@ -61,8 +67,7 @@ class Linearised:
     @property
     def usable(self) -> bool:
         """Whether squares are finite: those of a simulation that diverges are not."""
-        squares, _, bend = self.normal
-        return bool(squares < DIVERGED and bend.trace() < DIVERGED)
+        return bool(self.squares < DIVERGED and self.normal[1].trace() < DIVERGED)
 
 
 @final
@@ -274,6 +279,25 @@ class Objective:
         if not np.isfinite(residual).all() or float(np.abs(residual).max(initial=0.0)) > DIVERGED:
             return float("inf")
         return 0.5 * float(np.sum(_rho(residual, self.question.loss)))
+
+    def cost_at(self, point: Linearised) -> float:
+        """The same at a point, whose squares are summed once."""
+        if self.question.loss.shape is Shape.SQUARE and point.squares < DIVERGED:
+            return 0.5 * point.squares
+        return self.cost(point.residual)
+
+    def foreseen(self, point: Linearised, step: FloatArray) -> float:
+        """The cost after a step, were the reading linear in the unknowns."""
+        if self.question.loss.shape is Shape.SQUARE:
+            slope, bend = point.normal
+            return 0.5 * point.squares + float(slope @ step + 0.5 * step @ bend @ step)
+        return self.cost(point.residual + point.jacobian @ step)
+
+    def rms_at(self, point: Linearised) -> float:
+        """The same as :meth:`rms` at a point."""
+        if self._priors:
+            return self.rms(point.residual)
+        return float(np.sqrt(point.squares / max(1, self.samples)))
 
     def rms(self, residual: FloatArray) -> float:
         """Root mean square of the (weighted) residuals without prior rows [m]."""

@@ -235,7 +235,7 @@ def _finish(
         names=unknown.names,
         covariance=np.full((k, k), np.nan),
         coloured=False,
-        at_bound=_at_bound(unknown, theta, weighted.normal[1]),
+        at_bound=_at_bound(unknown, theta, weighted.normal[0]),
         readings=point.readings,
         outcome=Outcome(solution.ending, ""),
         trace=monitor.trace,

@@ -446,18 +446,16 @@ class _Search:
         objective, unknown = self._ready(start, farthest)
         theta = theta_of(unknown, start)
         point = objective.linearised(theta)
-        cost = objective.cost(point.residual)
+        cost = objective.cost_at(point)
         # Sub-steps are those of the first trial: a stiffer one diverges, and is no candidate.
         if not np.isfinite(cost) or not point.usable:
             return float("inf"), start
         step = np.zeros(theta.size)
         linear = self._linear(unknown, extra)
-        _, slope, bend = point.normal
+        slope, bend = point.normal
         step[linear] = _linear_step(bend[linear[:, None], linear], slope[linear])
-        if worst < np.inf:
-            foreseen = objective.cost(point.residual + point.jacobian @ step)
-            if min(cost, foreseen) >= worst:
-                return cost, start
+        if worst < np.inf and min(cost, objective.foreseen(point, step)) >= worst:
+            return cost, start
         moved = unknown.clip(theta + step)
         after = objective.cost(objective.residual(moved, most=min(cost, worst)))
         if after < cost:
@@ -511,7 +509,7 @@ def _linear_step(bend: FloatArray, slope: FloatArray) -> FloatArray:
 
     A touch of ridge keeps directions that the record cannot see where they are.
     """
-    norms = np.sqrt(np.diag(bend))
+    norms = np.sqrt(bend.diagonal())
     norms = np.where(norms == 0.0, 1.0, norms)
     normal = bend / (norms[:, None] * norms)
     normal.flat[:: slope.size + 1] += 1e-6

@@ -170,7 +170,7 @@ def blind_spots(
     """
     sentences: list[str] = []
     size = np.where(np.abs(theta) > 1e-3 * scale, np.abs(theta), scale)
-    norms = np.sqrt(np.diag(point.normal[2])) * size
+    norms = np.sqrt(np.diag(point.normal[1])) * size
     dof = max(1, point.residual.size - theta.size)
     sigma = float(np.sqrt(inner(point.residual, point.residual) / dof)) or 1e-300
     told: set[str] = set()

@@ -46,10 +46,10 @@ def across(j: FloatArray, k: FloatArray) -> FloatArray:
     return total
 
 
-def normal_equations(j: FloatArray, r: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-    """``r'r``, ``J'r`` (k,) and ``J'J`` (k, k); not finite where the squares are not."""
+def normal_equations(j: FloatArray, r: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """``J'r`` (k,) and ``J'J`` (k, k); not finite where the squares are not."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return inner(r, r), across(j, r[:, None])[:, 0], across(j, j)
+        return across(j, r[:, None])[:, 0], across(j, j)
 
 
 def triangle(j: FloatArray) -> FloatArray:

@@ -59,6 +59,15 @@ class Substeps:
 
     def of(self, segment: Segment) -> IntArray:
         """Number of sub-steps of each segment, at least one."""
+        most_of_all = max(
+            segment.longest / self.longest, segment.largest_move / self.largest_move,
+            segment.farthest / self.farthest,
+        )  # fmt: skip
+        if most_of_all <= 1.0:
+            count = np.ones(segment.length.size, dtype=np.int32)
+            if self.times > 1:
+                count[segment.length > 0.0] = self.times
+            return count
         most = segment.length / self.longest
         np.maximum(most, segment.moves / self.largest_move, out=most)
         if self.farthest < np.inf:
@@ -119,8 +128,7 @@ def fastest_rates(
         return 0.0, 0.0
     moving = dynamics(system, exact)
     rates = _rates(moving, segment, parameters, lambda _: x)
-    moves = segment.moves
-    if max(rates[0] * float(segment.length.max()), rates[1] * float(moves.max())) <= _FAST:
+    if max(rates[0] * segment.longest, rates[1] * segment.largest_move) <= _FAST:
         return rates
 
     def at_rest(i: int) -> FloatArray:
@@ -141,14 +149,15 @@ def _rates(
 
     chosen = list(segment.by_slope)
     slope = segment.slope[chosen]
-    by_slope = np.array([
-        moving.slopes(
-            segment.time[i], states(i), segment.drive[i], driven, segment.channels[i],
-            segment.channel_slopes[i], parameters,
-        )
+    instants = np.array([
+        [
+            segment.time[i], segment.drive[i], driven, *segment.channels[i],
+            *segment.channel_slopes[i], *states(i),
+        ]
         for i in chosen for driven in (0.0, segment.slope[i])
     ])  # fmt: skip
-    finite = np.isfinite(by_slope).all(axis=(1, 2))
+    by_slope = moving.slopes(instants, parameters)
+    finite = np.asarray(np.isfinite(by_slope).all(axis=(1, 2)))
     fastest = np.abs(np.linalg.eigvals(np.where(finite[:, None, None], by_slope, 0.0))).max(axis=1)
     still, moved = fastest.reshape(-1, 2).T
     steep = np.where(slope != 0.0, np.abs(slope), np.inf)
@@ -178,11 +187,10 @@ def choose(
     """
     rate, by_drive = fastest_rates(system, segment, parameters, start, exact)
     within = dynamics(system, exact).longest(parameters)
-    moves = segment.moves
     swing = float(np.ptp(segment.drive)) or 1.0
     substeps = Substeps(
-        min(float(segment.length.max()), within, 2.0 / rate if rate > 0 else np.inf),
-        min(float(moves.max()) or swing, swing / 4.0, 2.0 / by_drive if by_drive > 0 else np.inf),
+        min(segment.longest, within, 2.0 / rate if rate > 0 else np.inf),
+        min(segment.largest_move or swing, swing / 4.0, 2.0 / by_drive if by_drive > 0 else np.inf),
         exact=exact,
     )
     known: dict[bytes, FloatArray] = {}

@@ -40,6 +40,8 @@ _LISTS: Final = ("once", "weigh", "stage", "reading", "jump", "start")
 _WHOLE: Final = ctypes.c_int64
 _POINTER: Final = ctypes.c_void_p
 _BYTE: Final = ctypes.c_char
+_OTHER_CODE: Final = 2
+"""What ``po_run`` returns where the machine code is for other sensitivities at the start."""
 
 
 class _List(ctypes.Structure):
@@ -68,7 +70,7 @@ class _Wanted(ctypes.Structure):
     _fields_ = [
         ("p", _POINTER), ("moves", _POINTER), ("clocks", _POINTER), ("d", ctypes.c_long),
         *((name, _POINTER) for name in ("x", "s", "y", "j", "xo", "m")), ("most", ctypes.c_double),
-        ("code", _POINTER),
+        ("code", _POINTER), ("at", _POINTER), ("begins", _POINTER),
     ]  # fmt: skip
 
 
@@ -90,33 +92,26 @@ class Program:
 
     def matrix(self, parameters: FloatArray) -> FloatArray:
         """The linear blocks L (n, n) [1/s]."""
-        return self._slopes(parameters, None)[0]
+        nowhere = np.zeros(
+            (0, 3 + 2 * len(self.system.channel_names) + len(self.system.state_names))
+        )
+        return self._slopes(parameters, nowhere)[0]
 
-    def slopes(
-        self,
-        time: float,
-        x: FloatArray,
-        drive: float,
-        slope: float,
-        channels: FloatArray,
-        channel_slopes: FloatArray,
-        parameters: FloatArray,
-    ) -> FloatArray:
-        """Derivatives (n, n) [1/s] of the rates less their linear blocks by the states."""
-        at = time, x, drive, slope, channels, channel_slopes
-        return self._slopes(parameters, at)[1]
+    def slopes(self, instants: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Derivatives (m, n, n) [1/s] of the rates less their linear blocks by the states."""
+        return self._slopes(parameters, np.ascontiguousarray(instants, dtype=float))[1]
 
-    def _slopes(self, parameters: FloatArray, at: Any) -> tuple[FloatArray, FloatArray]:
-        n = len(self.system.state_names)
-        matrix, slopes = np.zeros((n, n)), np.zeros((n, n))
-        time, x, drive, slope, channels, channel_slopes = at or (0.0, None, 0.0, 0.0, None, None)
-        arrays = [np.ascontiguousarray(a, dtype=float) for a in (
-            channels if at else [], channel_slopes if at else [], parameters, x if at else [],
-        )]  # fmt: skip
-        self.core.po_slopes(
-            ctypes.byref(self.plan), time, drive, slope, *(address(a) for a in arrays),
-            address(matrix), address(slopes) if at else None,
-        )  # fmt: skip
+    def _slopes(
+        self, parameters: FloatArray, instants: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        n, m = len(self.system.state_names), instants.shape[0]
+        checked(instants, m, 3 + 2 * len(self.system.channel_names) + n)
+        matrix, slopes = np.zeros((n, n)), np.empty((m, n, n))
+        p = np.ascontiguousarray(parameters, dtype=float)
+        enough(self.core.po_slopes(
+            ctypes.byref(self.plan), m, address(instants), address(p), address(matrix),
+            address(slopes),
+        ))  # fmt: skip
         return matrix, slopes
 
     def longest(self, parameters: FloatArray) -> float:
@@ -128,11 +123,11 @@ class Program:
         self, time: float, drive: float, channels: FloatArray, parameters: FloatArray
     ) -> FloatArray:
         """States (n,) at rest."""
-        return self.start((time, drive, channels), parameters, None, None)[0]
+        return self.start(np.array([time, drive, *channels]), parameters, None, None)[0]
 
     def start(
         self,
-        at: tuple[float, float, FloatArray],
+        at: FloatArray,
         parameters: FloatArray,
         deviation: FloatArray | None,
         begins: IntArray | None,
@@ -140,7 +135,7 @@ class Program:
         """States (n,) at rest plus a deviation, and their derivatives by directions (n, k).
 
         Args:
-            at: time, drive and channels.
+            at: (2 + c,) time, drive and channels.
             parameters: of the model.
             deviation: (n,), none unless given.
             begins: slot that each direction moves, none unless given.
@@ -148,18 +143,17 @@ class Program:
         system = self.system
         n, k = len(system.state_names), 0 if begins is None else begins.size
         # One behind the other: asking for the address of each takes longer than the start itself.
-        sizes = 2, len(system.channel_names), len(system.parameter_names), n, n, n * k
-        *_, c, p, d, x, s, end = accumulate((0, *sizes))
+        sizes = 2 + len(system.channel_names), len(system.parameter_names), n, n, n * k
+        _, p, d, x, s, end = accumulate((0, *sizes))
         numbers = np.zeros(end)
-        numbers[:c] = at[:2]
-        numbers[c:p] = checked(at[2], sizes[1])
-        numbers[p:d] = checked(parameters, sizes[2])
+        numbers[:p] = checked(at, sizes[0])
+        numbers[p:d] = checked(parameters, sizes[1])
         if deviation is not None:
             numbers[d:x] = checked(deviation, n)
         here = address(numbers)
         moved = None if begins is None else address(begins)
         enough(self.core.po_start(
-            ctypes.byref(self.plan), here, here + 8, here + 8 * c, here + 8 * p, here + 8 * d,
+            ctypes.byref(self.plan), here, here + 8, here + 16, here + 8 * p, here + 8 * d,
             moved, k, here + 8 * x, here + 8 * s,
         ))  # fmt: skip
         return numbers[x:s], numbers[s:].reshape(n, k)
@@ -315,7 +309,7 @@ def _address(core: ctypes.CDLL, symbol: str) -> int:
 def _typed(core: ctypes.CDLL) -> ctypes.CDLL:
     core.po_run.argtypes = [_POINTER, ctypes.c_long, _POINTER, _POINTER]
     core.po_start.argtypes = [*[_POINTER] * 7, ctypes.c_long, *[_POINTER] * 2]
-    core.po_slopes.argtypes = [_POINTER, *[ctypes.c_double] * 3, *[_POINTER] * 6]
+    core.po_slopes.argtypes = [_POINTER, ctypes.c_long, *[_POINTER] * 4]
     core.po_translate.argtypes = [*[_POINTER] * 3, ctypes.c_long, *[_POINTER] * 3]
     core.po_translate.restype = _POINTER
     core.po_suits.argtypes = [_POINTER, _POINTER, ctypes.c_long]
@@ -397,6 +391,7 @@ class ComposedEngine:
         self._moves = np.array([places.get(n, -1) for n in directions], dtype=np.int32)
         clocks = np.array([n in program.composition.clocks for n in directions], dtype=np.int32)
         self._clocks = clocks if clocks.any() else None
+        self._begins_at = address(self._begins)
         self._where = self._moves.ctypes.data, clocks.ctypes.data if clocks.any() else None
         self._shape = len(system.state_names), len(directions)
         self._parameters = len(system.parameter_names)
@@ -418,8 +413,11 @@ class ComposedEngine:
         ceiling: Ceiling | None = None,
     ) -> Run:
         """Simulate from :meth:`start`."""
-        x, s = self.start(segment, parameters, deviation)
-        return self._through(segment, substeps, parameters, x, s, states, ceiling)
+        rest = np.concatenate([segment.begins, checked(deviation, self._shape[0])])
+        if self._machine and not self._codes:
+            self.code(self.start(segment, parameters, deviation)[1])
+        x, s = np.empty(self._shape[0]), np.empty(self._shape)
+        return self._through(segment, substeps, parameters, x, s, states, ceiling, rest)
 
     def run(
         self,
@@ -446,8 +444,12 @@ class ComposedEngine:
         s: FloatArray,
         states: bool,
         ceiling: Ceiling | None,
+        rest: FloatArray | None = None,
     ) -> Run:
-        """Simulate from a state and its sensitivities, which become those at the end."""
+        """Simulate from a state and its sensitivities, which become those at the end.
+
+        With ``rest`` (time, drive, channels and deviation at the start) from there.
+        """
         count, (n, k) = segment.readings, self._shape
         p = np.ascontiguousarray(checked(parameters, self._parameters), dtype=float)
         cut = np.ascontiguousarray(checked(substeps, segment.length.size), dtype=np.int32)
@@ -456,7 +458,7 @@ class ComposedEngine:
         measured, most = None, np.inf
         if ceiling is not None:
             measured, most = checked(ceiling.measured, count), ceiling.squares
-        code = self.code(s)
+        code = self.code(s) if rest is None else next(iter(self._codes), None)
         along = Addresses.from_buffer_copy(segment.addresses)
         along.substeps = address(cut)
         wanted = _Wanted(
@@ -464,10 +466,15 @@ class ComposedEngine:
             address(j), None if xs is None else address(xs),
             None if measured is None else address(measured), most,
             None if code is None else code.address,
+            *(None, None) if rest is None else (address(rest), self._begins_at),
         )  # fmt: skip
-        enough(self._core.po_run(
-            self._plan, segment.length.size, ctypes.byref(along), ctypes.byref(wanted)
-        ))  # fmt: skip
+        call = self._plan, segment.length.size, ctypes.byref(along), ctypes.byref(wanted)
+        failed = self._core.po_run(*call)
+        if failed == _OTHER_CODE:
+            wanted.at, code = None, self.code(s)
+            wanted.code = None if code is None else code.address
+            failed = self._core.po_run(*call)
+        enough(failed)
         return Run(y, j, xs, x, s)
 
     def code(self, s: FloatArray) -> Code | None:
@@ -505,11 +512,13 @@ class ComposedEngine:
 
 
 def address(array: NDArray[Any]) -> int:
-    """Where the numbers of a contiguous array lie.
+    """Where the numbers of a contiguous array lie; nowhere if there are none.
 
     Asked a few hundred times a fit: through the buffer it takes a fifth of ``array.ctypes.data``.
     """
-    if not array.size or not array.flags.writeable:
+    if not array.size:
+        return 0
+    if not array.flags.writeable:
         return int(array.ctypes.data)
     return ctypes.addressof(_BYTE.from_buffer(array.data))
 

@@ -234,13 +234,12 @@ int po_start(const po_plan *const p, const double *T, const double *U, const dou
 }
 
 /* The matrix L of the blocks (row-major), and the slopes A of what is left of the rates by the
-   states, at one instant; A may be null. */
-int po_slopes(const po_plan *const p, const double T, const double U, const double DU,
-              const double *C, const double *DC, const double *P, const double *X, double *L,
-              double *A)
+   states, at each of some instants: time, drive, its slope, channels, their slopes, states. */
+int po_slopes(const po_plan *const p, const long instants, const double *AT, const double *P,
+              double *L, double *A)
 {
     PO_FLUSH
-    const long n = p->states, N = A ? (n + 7) / 8 : 0;
+    const long n = p->states, N = instants ? (n + 7) / 8 : 0;
     po_memory memory, *const m = &memory;
     void *const all = make(p, m, N, 0);
     if (!all) return 1;
@@ -253,19 +252,15 @@ int po_slopes(const po_plan *const p, const double T, const double U, const doub
             for (int j = 0; j < b->size; ++j)
                 L[(b->state[i] - p->state) * n + b->state[j] - p->state] =
                     *number(m, b->matrix[b->size * i + j], N);
-    if (A) {
-        *number(m, p->time, N) = T;
-        *number(m, p->drive, N) = U;
-        *number(m, p->slope, N) = DU;
-        for (int64_t i = 0; i < p->channels; ++i) {
-            *number(m, p->channel + i, N) = C[i];
-            *number(m, p->channel_slope + i, N) = DC[i];
-        }
-        for (long i = 0; i < n; ++i) {
-            *number(m, p->state + i, N) = X[i];
-            ((double *)rows(m, p->state + i, N))[i] = 1.0;
-        }
-        prepare(p, m, p->stage, N);
+    for (long i = 0; i < n && N; ++i) ((double *)rows(m, p->state + i, N))[i] = 1.0;
+    if (N) prepare(p, m, p->stage, N);
+    for (long k = 0; k < instants; ++k, A += n * n) {
+        *number(m, p->time, N) = *AT++;
+        *number(m, p->drive, N) = *AT++;
+        *number(m, p->slope, N) = *AT++;
+        for (int64_t i = 0; i < p->channels; ++i) *number(m, p->channel + i, N) = *AT++;
+        for (int64_t i = 0; i < p->channels; ++i) *number(m, p->channel_slope + i, N) = *AT++;
+        for (long i = 0; i < n; ++i) *number(m, p->state + i, N) = *AT++;
         evaluate(p, m, p->stage, N);
         memset(A, 0, sizeof(double) * n * n);
         for (int64_t i = 0; i < p->n_moving; ++i)
@@ -295,6 +290,8 @@ typedef struct {
     const double *M;
     double most;
     const po_code *code;
+    const double *AT;
+    const int *BEGINS;
 } po_wanted;
 
 /* Where the instant's own numbers are, a share of a sub-step after its beginning. */
@@ -743,12 +740,20 @@ static int walk_machine(const po_plan *const p, const po_memory *const m, const 
    (row-major) and, if XO is not null, the states at the readings. CLOCKS: for each direction
    whether it moves the clock of the whole chain; null where none does. If M is not null the run
    ends, its results unfinished, as soon as the sum of squares of the readings minus M exceeds the
-   most or is none; entries of M that are NaN do not count. Returns 0 unless there is no memory. */
+   most or is none; entries of M that are NaN do not count. With AT (time, drive, channels and
+   deviation DX at the start) it begins at rest there, X and S need not be set, and BEGINS holds the
+   slot that each direction moves at the start. Returns 0; 1 without memory; 2, with X and S set and
+   nothing else done, where the code is not for such sensitivities. */
 int po_run(const po_plan *const p, const long n, const po_segments *const s,
            const po_wanted *const to)
 {
     PO_FLUSH
     const long D = to->D, N = (D + 7) / 8;
+    if (to->AT) {
+        const double *const C = to->AT + 2, *const DX = C + p->channels;
+        if (po_start(p, to->AT, to->AT + 1, C, to->P, DX, to->BEGINS, D, to->X, to->S)) return 1;
+        if (to->code && !po_suits(to->code, to->S, D)) return 2;
+    }
     po_memory memory, *const m = &memory;
     void *const all = make(p, m, N, to->code ? to->code->spills : 0);
     if (!all) return 1;

@@ -30,17 +30,13 @@ class Dynamics(Protocol):
     def longest(self, parameters: FloatArray) -> float:
         """The longest sub-step [s] over which the blocks are as good as exact."""
 
-    def slopes(
-        self,
-        time: float,
-        x: FloatArray,
-        drive: float,
-        slope: float,
-        channels: FloatArray,
-        channel_slopes: FloatArray,
-        parameters: FloatArray,
-    ) -> FloatArray:
-        """Derivatives (n, n) [1/s] of the rates less their linear blocks by the states."""
+    def slopes(self, instants: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Derivatives (m, n, n) [1/s] of the rates less their linear blocks by the states.
+
+        Args:
+            instants: (m, 3 + 2c + n) time, drive, its slope, channels, their slopes, states.
+            parameters: of the model.
+        """
 
     def at_rest(
         self, time: float, drive: float, channels: FloatArray, parameters: FloatArray
@@ -82,29 +78,22 @@ class Whole:
         """The longest sub-step [s] over which the blocks are as good as exact."""
         return longest(self._part, parameters)
 
-    def slopes(
-        self,
-        time: float,
-        x: FloatArray,
-        drive: float,
-        slope: float,
-        channels: FloatArray,
-        channel_slopes: FloatArray,
-        parameters: FloatArray,
-    ) -> FloatArray:
-        """Derivatives (n, n) [1/s] of the rates less their linear blocks by the states."""
-        a = np.zeros((x.size, x.size))
-        given = (np.full(1, time), x, np.full(1, drive), np.full(1, slope), channels,
-                 channel_slopes, parameters)  # fmt: skip
+    def slopes(self, instants: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Derivatives (m, n, n) [1/s] of the rates less their linear blocks by the states."""
+        n, c = len(self._system.state_names), len(self._system.channel_names)
+        found = np.zeros((instants.shape[0], n, n))
         # Wrapping the arguments of a call takes CasADi far longer than these few numbers.
         bound: Any = self._part.slopes.buffer()
         buffer, evaluate = bound
-        held = [np.array(array, dtype=float) for array in given]
-        for index, array in enumerate(held):
-            buffer.set_arg(index, array.data)
-        buffer.set_res(0, a.data)
-        evaluate()
-        return a.T  # the engine writes columns
+        p = np.array(parameters, dtype=float)
+        for row, a in zip(instants, found, strict=True):
+            t, u, du, channels, channel_slopes, x = np.split(row, np.cumsum([1, 1, 1, c, c]))
+            held = [np.array(one) for one in (t, x, u, du, channels, channel_slopes, p)]
+            for index, array in enumerate(held):
+                buffer.set_arg(index, array.data)
+            buffer.set_res(0, a.data)
+            evaluate()
+        return np.asarray(found.transpose(0, 2, 1))  # the engine writes columns
 
     def at_rest(
         self, time: float, drive: float, channels: FloatArray, parameters: FloatArray

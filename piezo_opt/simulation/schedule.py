@@ -65,9 +65,9 @@ class Segment:
     """How far the measured motion goes in each segment, there and back [m]."""
 
     @lazy
-    def begins(self) -> tuple[float, float, FloatArray]:
-        """Time [s], drive [V] and channels (c,) at the start."""
-        return float(self.time[0]), float(self.drive[0]), self.channels[0]
+    def begins(self) -> FloatArray:
+        """(2 + c,) time [s], drive [V] and channels at the start."""
+        return np.concatenate([self.time[:1], self.drive[:1], self.channels[0]])
 
     @lazy
     def readings(self) -> int:
@@ -78,6 +78,21 @@ class Segment:
     def moves(self) -> FloatArray:
         """How far the drive moves in each segment [V]."""
         return np.asarray(np.abs(self.slope) * self.length)
+
+    @lazy
+    def longest(self) -> float:
+        """The longest segment [s]."""
+        return float(self.length.max())
+
+    @lazy
+    def largest_move(self) -> float:
+        """The farthest that the drive moves in one [V]."""
+        return float(self.moves.max())
+
+    @lazy
+    def farthest(self) -> float:
+        """The farthest that the measured motion goes in one [m]."""
+        return float(self.travel.max())
 
     @lazy
     def lengths(self) -> int:

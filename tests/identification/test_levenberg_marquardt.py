@@ -60,6 +60,12 @@ class Valley:
     def rms(self, residual: FloatArray) -> float:
         return float(np.sqrt(np.mean(residual**2)))
 
+    def cost_at(self, point: Linearised) -> float:
+        return self.cost(point.residual)
+
+    def rms_at(self, point: Linearised) -> float:
+        return self.rms(point.residual)
+
 
 def descended(valley: Valley, **choices: Any) -> tuple[FloatArray, Ending, str]:
     solver = LevenbergMarquardt(**choices)

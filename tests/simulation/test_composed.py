@@ -230,10 +230,13 @@ def test_the_linear_blocks_are_those_of_the_whole_expressions(effect: Effect) ->
         assert made.longest(p) == pytest.approx(whole.longest(p), rel=1e-9)
         x = rng.uniform(-1e-6, 1e-6, len(system.state_names))
         channels = np.full(len(system.channel_names), 301.0)
-        at = (0.1, x, 20.0, -3e4, channels, 0.1 * channels, p)
-        expected = whole.slopes(*at)
+        instants = np.array([
+            [0.1, 20.0, slope, *channels, *(0.1 * channels), *(scale * x)]
+            for slope, scale in ((-3e4, 1.0), (0.0, 1.0), (2e3, -0.5))
+        ])  # fmt: skip
+        expected = whole.slopes(instants, p)
         rows = np.abs(expected).max(initial=1.0)
-        np.testing.assert_allclose(made.slopes(*at), expected, rtol=0, atol=1e-9 * rows)
+        np.testing.assert_allclose(made.slopes(instants, p), expected, rtol=0, atol=1e-9 * rows)
         np.testing.assert_allclose(
             made.at_rest(0.1, 20.0, channels, p), whole.at_rest(0.1, 20.0, channels, p),
             rtol=1e-12, atol=1e-18,

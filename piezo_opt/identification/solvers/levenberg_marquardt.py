@@ -87,9 +87,10 @@ class LevenbergMarquardt:
         """From a start within the bounds to a minimum."""
         unknowns = objective.unknowns
         low, high, usual = unknowns.low, unknowns.high, ~unknowns.relative
+        ends = np.stack([low, high])
         theta = unknowns.clip(start)
         point = objective.linearised(theta)
-        cost = objective.cost(point.residual)
+        cost = objective.cost_at(point)
         if not np.isfinite(cost):
             return Solution(
                 theta, Ending.FAILED,
@@ -97,7 +98,7 @@ class LevenbergMarquardt:
                 "(values={...}) or tighter bounds.",
             )  # fmt: skip
         objective.monitor.saw(theta, cost)
-        objective.monitor.iterate(theta, objective.rms(point.residual), point.readings)
+        objective.monitor.iterate(theta, objective.rms_at(point), point.readings)
         damping, growth = 1e-4, _GROWTH
         floor = 1e-30 * max(cost, 1e-300)
         norms = np.zeros(theta.size)
@@ -111,9 +112,9 @@ class LevenbergMarquardt:
                     theta, Ending.FAILED,
                     "The sensitivities are not finite at the best point; tighten the bounds.",
                 )  # fmt: skip
-            _, slope, bend = weighted.normal
+            slope, bend = weighted.normal
             gradient, normal = scale * slope, scale[:, None] * bend * scale
-            now = np.sqrt(np.diag(normal))
+            now = np.sqrt(normal.diagonal())
             norms = np.where(straight, np.maximum(norms, now), now)
             held = np.where(gradient > 0, theta <= low, theta >= high) & (gradient != 0.0)
             moving = np.flatnonzero(~held & (now > 0.0))
@@ -121,7 +122,7 @@ class LevenbergMarquardt:
             steepest = np.abs(gradient[moving] / size[moving]).max(initial=0.0)
             if moving.size == 0 or cost <= floor or steepest <= 1e-10 * np.sqrt(cost):
                 return Solution(theta, Ending.CONVERGED, "the gradient vanished", point=point)
-            reach = _reach(theta, straight, scale, low, high, unknowns.scale)
+            reach = _reach(theta, straight, scale, ends, unknowns.scale)
             while True:
                 step = _step(normal, gradient, size, damping, moving, reach)
                 along = np.where(straight, step, np.expm1(np.where(straight, 0.0, step)))
@@ -133,7 +134,7 @@ class LevenbergMarquardt:
                 # third: one that is refused loses less by them than one that is taken saves. It is
                 # given up where its cost is above what even a search that has ended would bear.
                 ahead = objective.linearised(trial, most=(1.0 + _SAME * self.tolerance) * cost)
-                trial_cost = objective.cost(ahead.residual)
+                trial_cost = objective.cost_at(ahead)
                 gain = (cost - trial_cost) / predicted if predicted > 0 else -1.0
                 if gain > 1e-4:
                     break
@@ -149,7 +150,7 @@ class LevenbergMarquardt:
             growth = _GROWTH
             theta, cost = trial, trial_cost
             objective.monitor.saw(theta, cost)
-            objective.monitor.iterate(theta, objective.rms(ahead.residual), ahead.readings)
+            objective.monitor.iterate(theta, objective.rms_at(ahead), ahead.readings)
             if decrease <= self.tolerance * cost and predicted <= self.tolerance * cost:
                 return Solution(theta, Ending.CONVERGED, "the cost stopped falling", point=ahead)
             history.append(cost)
@@ -159,7 +160,7 @@ class LevenbergMarquardt:
                     point=ahead,
                 )  # fmt: skip
             slowed = len(history) > _OPENING and decrease < _STALL * history[-2]
-            if slowed and objective.rms(ahead.residual) > self.beyond:
+            if slowed and objective.rms_at(ahead) > self.beyond:
                 return Solution(
                     theta, Ending.LIMIT,
                     f"Given up after {len(history) - 1} iterations: still above the rms of "
@@ -179,8 +180,7 @@ def _reach(
     theta: FloatArray,
     straight: NDArray[np.bool_],
     scale: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
+    ends: FloatArray,
     size: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """How far each unknown may step down and up, in its own coordinate.
@@ -188,7 +188,7 @@ def _reach(
     A bound is approached by nine tenths of the way and only touched from close by: a gate that
     jumps onto its null would take the derivatives of its shapes with it.
     """
-    gap = np.stack([low, high]) - theta
+    gap = ends - theta
     way = np.where(np.abs(gap) > 1e-4 * size, 0.9 * gap, gap) / scale
     logarithm = np.log1p(np.minimum(np.maximum(way, _NEAREST), _FARTHEST))
     way = np.where(straight, way, logarithm)
