@@ -53,12 +53,15 @@ class Seen:
     startup: tuple[float, float] | None = field(default=None)
 
 
-def over_time(seen: Seen, title: str = "Over time") -> Picture:
-    """Measured and modelled above, what each model leaves over below; start-up shaded."""
+def over_time(seen: Seen, title: str = "Over time", most: int = MOST_POINTS) -> Picture:
+    """Measured and modelled above, what each model leaves over below; start-up shaded.
+
+    A trace has at most ``most`` points.
+    """
     readings = [seen.position, *(reading for _, reading in seen.models)]
     left = [np.where(seen.counted, seen.position - reading, np.nan) for _, reading in seen.models]
     extra = [] if seen.explained is None else [seen.explained[1]]
-    time, thin = envelope(seen.time, [*readings, *left, *extra])
+    time, thin = envelope(seen.time, [*readings, *left, *extra], most)
     seconds, time_unit = clock(seen.time)
     time = seconds * time
     split = len(readings)
@@ -93,8 +96,8 @@ def over_time(seen: Seen, title: str = "Over time") -> Picture:
     )  # fmt: skip
 
 
-def loop(seen: Seen) -> Picture:
-    """Measured and modelled reading against the drive, where they count."""
+def loop(seen: Seen, most: int = MOST_POINTS) -> Picture:
+    """Measured and modelled reading against the drive, where they count; ``most`` points each."""
     drive = seen.drive[seen.counted]
     readings = [
         one[seen.counted] for one in (seen.position, *(reading for _, reading in seen.models))
@@ -102,7 +105,7 @@ def loop(seen: Seen) -> Picture:
     volts, drive_unit = prefixed(seen.drive_unit, drive)
     factor, unit = prefixed(seen.position_unit, readings[0])
     # A model's loop has corners of its own; all of them together would leave fewer to each.
-    kept = [outline([drive, one], MOST_POINTS) for one in readings]
+    kept = [outline([drive, one], most) for one in readings]
     labels = ["measured", *(label for label, _ in seen.models)]
     few = drive.size <= FEW
     traces = tuple(

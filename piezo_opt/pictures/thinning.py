@@ -78,7 +78,8 @@ def outline(signals: list[FloatArray], most: int = MOST_POINTS) -> NDArray[np.in
         for one in signals
         for extreme in (np.argmin, np.argmax)
     ]
-    return np.unique(np.concatenate([[0], *inside, [count - 1]]).clip(max=count - 1))
+    at = np.sort(np.concatenate([[0], *inside, [count - 1]]).clip(max=count - 1))
+    return at[np.diff(at, prepend=-1) > 0]
 
 
 def lasting(signals: list[FloatArray]) -> NDArray[np.intp]:

@@ -51,7 +51,7 @@ class Looked:
 class Fitted:
     """A fit: what it says, the modelled reading of each record, and its iterates' rms [m].
 
-    ``kept`` are the samples that draw a long stretch of each reading and residual.
+    ``kept`` are the samples that draw a long stretch of each record, reading and residual.
     """
 
     told: dict[str, Any]
@@ -211,7 +211,7 @@ def fitted(fit: Fit, remarks: Sequence[str]) -> Fitted:
         "toml": model_file(fit),
     }
     kept = tuple(
-        lasting([reading, record.position - reading])
+        lasting([record.drive, record.position, reading, record.position - reading])
         for record, reading in zip(fit.records, fit.readings, strict=True)
     )
     return Fitted(told, fit.readings, tuple(map(float, fit.trace.rms)), kept)

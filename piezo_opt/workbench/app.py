@@ -28,7 +28,7 @@ from piezo_opt.files import LARGEST_FILE
 from piezo_opt.pictures import Axis, Panel, Picture, Tone, Trace, plain
 from piezo_opt.pictures.places import picture
 from piezo_opt.pictures.records import Seen, loop, over_time
-from piezo_opt.pictures.thinning import envelope, stretches, window
+from piezo_opt.pictures.thinning import MOST_POINTS, envelope, stretches, window
 from piezo_opt.workbench.answers import Drive, Signals
 from piezo_opt.workbench.bench import Bench
 from piezo_opt.workbench.edits import edit_from_dict
@@ -44,6 +44,8 @@ _ASSETS: Final = {
     "uplot.js": ("uplot/uPlot.iife.min.js", "text/javascript"),
     "uplot.css": ("uplot/uPlot.min.css", "text/css"),
 }
+_FEWEST: Final = 200
+"""Points of a trace at least: as a picture is laid out, its width may not be known yet."""
 _LONGEST: Final = 1 << 20
 """[bytes] of what a click may send."""
 
@@ -248,13 +250,15 @@ def _view(bench: Bench, asked: Mapping[str, str]) -> str:
     readings = bench.drawn or (() if fit is None else fit.readings)
     name = "" if bench.drawn else asked.get("suspect", "")
     scored = score is not None and name in score.curves
+    points = asked.get("points", "")
+    most = min(max(int(points), _FEWEST), MOST_POINTS) if points.isdecimal() else MOST_POINTS
     part = window(time, begin, end)
     seen: slice | NDArray[np.intp] = part
     if bench.drawn is None and part.stop - part.start > time.size // 10:
-        kept = [bench.looked.kept, *([] if fit is None else [fit.kept])]
-        kept += [score.kept[name]] if score is not None and scored else []
-        each = np.unique(np.concatenate([one[index] for one in kept]))
-        seen = each[slice(*np.searchsorted(each, [part.start, part.stop]))]
+        kept = bench.looked.kept[index] if fit is None else fit.kept[index]
+        if score is not None and scored:
+            kept = np.union1d(kept, score.kept[name][index])
+        seen = kept[slice(*np.searchsorted(kept, [part.start, part.stop]))]
     shown = Seen(
         time[seen], drive[seen], position[seen], bench.looked.counted[index][seen],
         units["drive"], units["position"],
@@ -264,8 +268,8 @@ def _view(bench: Bench, asked: Mapping[str, str]) -> str:
     )  # fmt: skip
     return _json(
         {
-            "time": plain(over_time(shown, "")),
-            "plane": plain(loop(shown)),
+            "time": plain(over_time(shown, "", most)),
+            "plane": plain(loop(shown, most)),
             "samples": int(part.stop - part.start),
         }
     )

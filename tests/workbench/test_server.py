@@ -372,6 +372,17 @@ def test_a_tab_that_has_not_seen_the_last_change_is_asked_to_look(page: Page) ->
     assert page.state()["version"] == version
 
 
+def test_a_narrow_screen_asks_for_fewer_points_and_loses_no_peak(page: Page) -> None:
+    page.fitted()
+    all_, few = (
+        page.get("view", params=asked).json()["time"]["panels"][1]["traces"][0]["y"]
+        for asked in ({}, {"points": "210"})
+    )
+    assert (len(all_), len(few)) == (400, 200)
+    assert (min(few), max(few)) == (min(all_), max(all_))
+    assert len(page.get("view", params={"points": "0"}).json()["time"]["panels"][0]["x"]) == 200
+
+
 @pytest.mark.parametrize(
     "query", ["record=9", "record=x", "begin=nan&end=2", "begin=a", "record=-1"]
 )

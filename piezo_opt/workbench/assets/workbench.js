@@ -250,6 +250,8 @@ async function look(ends) {
   const query = new URLSearchParams({ record });
   if (span) { query.set("begin", span[0]); query.set("end", span[1]); }
   if (suspect) query.set("suspect", suspect);
+  // Of each column of dots its lowest and its highest; more would only take longer to draw.
+  query.set("points", Math.round(2 * devicePixelRatio * $("overlay").clientWidth));
   const told = await ask("view?" + query);
   if (!told || mine !== asked) return; // a later one is on its way
   view = told;
