@@ -32,6 +32,9 @@ _SETTLED = 80
 """Iterations after which a fit that is built upon has converged or never will."""
 _LEAST = 2
 """Rivals that are followed to the end at least."""
+_FALLING = 0.95
+"""Error over that before as many iterations again, above which a fit hardly falls any more: the
+twentieth part of its error is what it would have to lose in each of them."""
 
 
 @final
@@ -146,7 +149,9 @@ class Book:
         if fit.rms == fit.rms and (before is None or fit.rms < before.rms):
             self._fits[members] = fit
 
-    def race(self, starts: Sequence[Start], kept: int = _KEPT) -> None:
+    def race(
+        self, starts: Sequence[Start], kept: int = _KEPT, beyond: float = float("inf")
+    ) -> None:
         """Fit sets from their starts in rounds; who is behind is left where he is.
 
         A fresh start does not race against the others of its own set: these are near to where the
@@ -155,6 +160,7 @@ class Book:
         Args:
             starts: sets and where they begin.
             kept: of so many sets one goes on after a round.
+            beyond: error [m] that decides: a fit that is above it and hardly falls is given up.
         """
         fresh = [start for start in starts if self._new(start)]
         with Pool(max_workers=self._threads) as pool:
@@ -185,7 +191,10 @@ class Book:
                 more = list(pool.map(partial(self._further, iterations=iterations), open_))
                 self._recolour()
                 done = [pair for pair in ranked if pair[1].outcome.success]
-                running = [*done, *((s, f) for s, f in more if f is not None)]
+                running = [*done]
+                for (start, before), (_, fit) in zip(open_, more, strict=True):
+                    if fit is not None and fit.rms < max(beyond, _FALLING * before.rms):
+                        running.append((start, fit))
 
     def _recolour(self) -> None:
         """Take the noise's colour from the closest fit, by the criterion of white noise.

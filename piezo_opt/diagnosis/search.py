@@ -144,22 +144,32 @@ def search(
                     continue
                 fit = book.settled(at)
                 done = is_noise(fit, least)
-                expanded[at.hypothesis] = fit
                 tell(f"{_named(at)} leaves {show(fit.rms, 'm')}; fitting its neighbours")
+                if done:
+                    # What its own details leave undone would be scored as something absent.
+                    book.race(details(fit, book))
+                    at = next(m for m in book.leading if m.hypothesis == at.hypothesis)
+                    fit = book.settled(at)
+                expanded[at.hypothesis] = fit
                 near: Sequence[Suspect] = ()
-                if done and at.hypothesis in asked:
-                    starts = details(fit, book)
-                else:
+                starts: list[Start] = []
+                if not (done and at.hypothesis in asked):
                     near, lacking = scored(fit, offered, threads, book.colour)
                     if at == book.base:
                         suspects, unscored, seen_in = near, lacking, book.colour
                     starts = _grown(book, at, near, effort, done=done)
                     starts += _exchanged(book, at, offered, effort, threads)
-                # Laws have more numbers than an effect and come to their own later: all go on.
-                if at.law == book.base.law and not done:
-                    book.race(laws(at, fit, withheld), kept=1)
                 book.race(starts)
                 quiet = is_noise(book.settled(book.best), least)
+                # Laws have more numbers than an effect and come to their own later: all go on,
+                # unless an effect has been enough.
+                if at.law == book.base.law and not done:
+                    instead = laws(at, fit, withheld)
+                    if quiet:
+                        book.race(instead, beyond=book[book.best].rms)
+                    else:
+                        book.race(instead, kept=1)
+                        quiet = is_noise(book.settled(book.best), least)
                 if quiet and any(m.hypothesis in expanded and not ahead(m) for m in book.level):
                     break
                 # Two at a time only where one is not enough: they would crowd out single effects.

@@ -207,7 +207,7 @@ def _lean(book: Book, best: Members) -> Members:
             return less
     same = CLOSE * book[best].residuals.size
     for start in still(best, book[best], book.question)[:1]:
-        book.race([start])
+        book.race([start], beyond=book[best].rms * (1.0 + CLOSE))
         less = start.members
         if less in book and book.price(less) < book.price(best) + same:
             return less

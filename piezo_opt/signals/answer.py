@@ -110,16 +110,41 @@ class Answer:
             allow_saturated=True,
         )
 
-    def settle(self, values: FloatArray, error: float = ROUGH) -> Substeps:
+    def settle(
+        self, values: FloatArray, error: float = ROUGH, faster: Sequence[FloatArray] = ()
+    ) -> Substeps:
         """Choose the sub-steps on one drive; later ones are simulated alike.
+
+        A slow drive asks for no sub-steps as long as its own moves from sample to sample; how far
+        the drive may go within one is found on the fastest of others.
 
         Args:
             values: the drive (N,) [unit].
             error: of the scheme, as a share of the reading's range; as in a search unless given.
+            faster: drives (N,) of which the fastest is looked at.
         """
         simulator = self._simulator(values, self.numbers, None)
         self._substeps = simulator.choose(self.numbers, error).substeps
+        if faster:
+            fastest = max(faster, key=lambda one: float(np.abs(np.diff(one)).max(initial=0.0)))
+            self._substeps = self._coarsened(fastest, self._substeps, error)
         return self._substeps
+
+    def _coarsened(self, values: FloatArray, finest: Substeps, error: float) -> Substeps:
+        """Sub-steps as long in time and as far along the drive as the error allows."""
+        move = 0.25 * float(np.ptp(values))
+        with np.errstate(over="ignore", invalid="ignore"):
+            while move > finest.largest_move:
+                coarse, fine = replace(finest, largest_move=move), 0.5 * move
+                one, other = (
+                    self._simulator(values, self.numbers, substeps).reading(self.numbers)
+                    for substeps in (coarse, replace(coarse, largest_move=fine))
+                )
+                # A halving of a scheme that has corners on its way halves the error at least.
+                if 2.0 * np.sqrt(np.mean((one - other) ** 2)) <= error * np.ptp(other):
+                    return coarse
+                move = fine
+        return finest
 
     def reading(self, values: FloatArray, numbers: Mapping[str, float] | None = None) -> FloatArray:
         """(N,) [m] from rest, at the fit's own values unless others are given."""

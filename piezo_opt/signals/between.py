@@ -155,9 +155,9 @@ def best_between(
         first, duration=duration, slew=slew, highest=highest, low=low, high=high, rate=rate
     )
     rivals = {name: Rival(fit, room.rate, max(1, possible), seed) for name, fit in named.items()}
-    plain_drive = slow_triangle(room).values
+    plain_drive, offered = slow_triangle(room).values, usual(room, resonance_of(first))
     for rival in rivals.values():
-        rival.answer.settle(plain_drive)
+        rival.answer.settle(plain_drive, faster=[one.values for one in offered])
 
     allowed = {n: stroke_of(rival.answer, plain_drive, stroke) for n, rival in rivals.items()}
 
@@ -172,7 +172,7 @@ def best_between(
         return None if distances is None else min(distances.values())
 
     found = search(
-        families, room, merit, offered=usual(room, resonance_of(first)), evaluations=evaluations,
+        families, room, merit, offered=offered, evaluations=evaluations,
         seed=seed, progress=progress,
     )  # fmt: skip
     if not found.best:
