@@ -21,10 +21,12 @@ from piezo_opt.simulation.forms import CHANNEL, PARAMETER, RATE, STATE, Form, Te
 
 Signed = tuple[int, float]
 """A slot and the sign of what is meant."""
+NOTHING: Final[Mapping[str, int]] = {}
 
 SUMS: Final = {count: f"po_sum_{count}" for count in (1, 2, 3, 4)}
 PRODUCT: Final = "po_product"
 QUOTIENT: Final = "po_quotient"
+SIGN: Final = "po_sign"
 WEIGHTS: Final = ("po_weights_1", "po_weights_2")
 """Functions that belong to no effect."""
 
@@ -142,8 +144,9 @@ class _Composer:
         self.flagged = flagged
         self.at = {place: [n for n, _ in self.model.at(place)] for place in Place}
         self.place = {n: (place, i) for place in Place for i, n in enumerate(self.at[place])}
-        if "position" in flagged and ("velocity" not in flagged or not self.at[Place.MOTION]):
-            raise NotComposable("a position without a velocity")
+        if "position" in flagged and not self.at[Place.MOTION]:
+            raise NotComposable("a position that nothing moves")
+        self.massless = "position" in flagged and "velocity" not in flagged
 
     def slot(self, key: str) -> int:
         return self.slots.setdefault(key, len(self.slots))
@@ -231,6 +234,8 @@ class _List:
         """Of a slot: effect and part, the names of the inputs, their slots, which output."""
         self.sums: dict[int, tuple[Signed, ...]] = {}
         self.quotients: dict[int, tuple[int, int]] = {}
+        self.bent: dict[int, tuple[int, ...]] = {}
+        """Of a slot that holds a multiple of nothing: the slots that it follows."""
 
     def number(self, name: str) -> int:
         """The slot of a number of the chain, computed by now."""
@@ -259,7 +264,9 @@ class _List:
             "hysteresis'": lambda: self._flagged("loop", RATE),
             "law": self._law,
             "position": lambda: self._flagged("position", otherwise="free"),
-            "position'": lambda: self._flagged("velocity", otherwise="free'"),
+            "position'": lambda: (
+                self._massless() if own.massless else self._flagged("velocity", otherwise="free'")
+            ),
             "position''": lambda: self._flagged("velocity", RATE),
             "acceleration": self._acceleration,
         }
@@ -283,6 +290,44 @@ class _List:
         if terms is None:
             raise NotComposable("the loop has no rate")
         return self.term(name, terms[0])
+
+    def held(self, what: str, index: int, at: int) -> Signed:
+        """What the forces of a balance without inertia add up to (see ``Form.massless``).
+
+        Args:
+            what: ``"balance"`` at a position, or ``"drift"`` at a velocity.
+            index: which of its numbers.
+            at: slot of the position or velocity.
+        """
+        name = "position" if what == "balance" else "position" + RATE
+        terms = []
+        for effect in self.own.at[Place.MOTION]:
+            said = self.own.forms[effect].massless.get(what)
+            if said is None:
+                raise NotComposable(f"{effect} follows the velocity itself")
+            terms.append(self.term(effect, said[index], {name: at}))
+        return self.added(terms, f"{what} {index} at {at}")
+
+    def less_ratio(self, at: int | None, over: int, under: int) -> int:
+        """A number less a quotient: where Newton's method goes."""
+        quotient = self.own.slot(f"{over} over {under}")
+        self.operations.append(Operation(QUOTIENT, (over, under, quotient)))
+        self.bent[quotient] = over, under
+        terms = [(quotient, -1.0)] if at is None else [(at, 1.0), (quotient, -1.0)]
+        return self.sum_into(self.own.slot(f"after {quotient}"), terms)
+
+    def _massless(self) -> Signed:
+        """The velocity at which a balance without inertia stays at zero (see ``assembly.py``)."""
+        still = self.positive(self.held("drift", 0, self.own.constant(0.0)))
+        side = self.own.slot(f"sign of {still}")
+        self.operations.append(Operation(SIGN, (still, side), 1))
+        self.bent[side] = (still,)
+        at = self.less_ratio(None, still, self.positive(self.held("drift", 1, side)))
+        forms = (self.own.forms[effect] for effect in self.own.at[Place.MOTION])
+        for _ in range(2 if any(form.massless["drift"][2].value for form in forms) else 0):
+            miss, steep = (self.positive(self.held("drift", k, at)) for k in (0, 1))
+            at = self.less_ratio(at, miss, steep)
+        return at, 1.0
 
     def _acceleration(self) -> Signed:
         motion = self.total(Place.MOTION)
@@ -378,25 +423,33 @@ class _List:
             self._known[key] = self.sum_into(self.own.slot(key), [of])
         return self._known[key]
 
-    def term(self, effect: str, term: Term) -> Signed:
-        """What an effect says."""
+    def term(self, effect: str, term: Term, instead: Mapping[str, int] = NOTHING) -> Signed:
+        """What an effect says, with other slots in the place of some that it reads."""
         if term.kind == "number":
             return self.own.constant(term.value), 1.0
+        if term.kind == "same" and term.name in instead:
+            return instead[term.name], term.value
         if term.kind == "same":
             slot, sign = self._local(effect, term.name)
             return slot, sign * term.value
-        return self._part(effect, term.kind) + term.index, 1.0
+        return self._part(effect, term.kind, instead) + term.index, 1.0
 
-    def _part(self, effect: str, kind: str) -> int:
+    def _part(self, effect: str, kind: str, instead: Mapping[str, int] = NOTHING) -> int:
         """The first slot of a function's outputs."""
-        key = f"{effect} {kind}"
+        others = {
+            n: s for n, s in instead.items() if n in self.own.forms[effect].parts[kind].inputs
+        }
+        key = " ".join([effect, kind, *(f"{n} {slot}" for n, slot in others.items())])
         if key in self._known:
             return self._known[key]
         if key in self._asked:
             raise NotComposable(f"{effect} follows from itself")
         self._asked.add(key)
         part = self.own.forms[effect].parts[kind]
-        inputs = tuple(self.positive(self._local(effect, name)) for name in part.inputs)
+        inputs = tuple(
+            others[name] if name in others else self.positive(self._local(effect, name))
+            for name in part.inputs
+        )
         outputs = tuple(self.own.slot(f"{key} {i}") for i in range(part.outputs))
         self.operations.append(Operation(part.symbol, (*inputs, *outputs), len(inputs)))
         for i, slot in enumerate(outputs):
@@ -441,10 +494,20 @@ class _Start(_List):
         effect, _, short = state.rpartition(".")
         terms = self.own.forms[effect].starts.get(short)
         added = [(self.own.slots[f"deviation {element}"], 1.0)]
-        if terms is not None:
+        if self.own.massless and (effect, short) == self.own.flagged["position"]:
+            added = [(self._balanced(effect, terms), 1.0), *added]
+        elif terms is not None:
             added = [*self._without_zeros([self.term(effect, terms[int(index or 0)])]), *added]
         self._known[name] = self.sum_into(self.own.slots[name], added)
         return self._known[name]
+
+    def _balanced(self, effect: str, terms: Sequence[Term] | None) -> int:
+        """Where a balance without inertia is zero, by Newton's method (see ``assembly.py``)."""
+        at = self.positive(self.term(effect, terms[0])) if terms else self.own.constant(0.0)
+        for _ in range(3):
+            miss, steep = (self.positive(self.held("balance", k, at)) for k in (0, 1))
+            at = self.less_ratio(at, miss, steep)
+        return at
 
 
 @final
@@ -534,7 +597,7 @@ class _Linear:
                         found |= self.follows(of)
             for of, _ in stage.sums.get(slot, ()):
                 found |= self.follows(of)
-            for of in stage.quotients.get(slot, ()):
+            for of in (*stage.quotients.get(slot, ()), *stage.bent.get(slot, ())):
                 found |= self.follows(of)
             self._followed[slot] = frozenset(found)
         return self._followed[slot]
@@ -554,6 +617,8 @@ class _Linear:
                         found |= self.bends(of)
             for of, _ in stage.sums.get(slot, ()):
                 found |= self.bends(of)
+            for of in stage.bent.get(slot, ()):
+                found |= self.follows(of)
             if slot in stage.quotients:
                 over, under = stage.quotients[slot]
                 found |= self.bends(over) | self.follows(under)

@@ -29,7 +29,6 @@ from piezo_opt.simulation.memory import give_back
 from piezo_opt.simulation.runs import Ceiling, Run
 from piezo_opt.simulation.schedule import Addresses, Segment
 from piezo_opt.simulation.scheme import INITIAL
-from piezo_opt.simulation.undivided import undivided
 
 _Array = TypeVar("_Array", bound=NDArray[Any])
 
@@ -189,21 +188,10 @@ def _program(system: System, exact: bool, library: Library) -> Program | None:
             found[name] = functions
         composition = compose(system, {n: f.form for n, f in found.items()}, exact)
     except (NotComposable, ModelError, NotImplementedError):
-        return _by_itself(system, exact, library)
+        return None  # the virtual machine does it, or the assembler says what is wrong
     addresses = {symbol: pair for f in found.values() for symbol, pair in f.addresses.items()}
     kept = {p.symbol: p.kept for f in found.values() for p in f.form.parts.values()}
     return _planned(system, composition, addresses, kept, library, found)
-
-
-def _by_itself(system: System, exact: bool, library: Library) -> Program | None:
-    try:
-        one = undivided(system, exact)
-    except (NotComposable, ModelError, NotImplementedError):
-        # Either CasADi knows an operation that C does not, or the assembler says what is wrong.
-        return None
-    if one is None:
-        return None
-    return _planned(system, one.composition, one.addresses, one.kept, library, one)
 
 
 def _planned(

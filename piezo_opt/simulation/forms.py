@@ -15,7 +15,7 @@ from typing import Any, Final, final
 
 import casadi as ca
 
-from piezo_opt.effects.base import Chain, Effect, Signal, Symbols
+from piezo_opt.effects.base import Chain, Effect, Equations, Place, Signal, Symbols
 from piezo_opt.effects.promises import equations_of
 from piezo_opt.errors import ModelError
 from piezo_opt.simulation.exponential import split
@@ -79,6 +79,10 @@ class Form:
         gives: what it gives its place.
         rate: the rate of that.
         moves, starts, becomes: of its states, one term an element.
+        massless: of a force on the position x, for a balance without inertia: ``"balance"``, the
+            force and its derivative by x; ``"drift"``, the rate of the force, the derivative of
+            that by the velocity, and whether the latter follows more of it than its sign. Nothing
+            where a force follows the velocity itself.
         inertia: as in :class:`piezo_opt.effects.base.Equations`.
         delays: the same.
     """
@@ -89,6 +93,7 @@ class Form:
     moves: Mapping[str, tuple[Term, ...]]
     starts: Mapping[str, tuple[Term, ...]]
     becomes: Mapping[str, tuple[Term, ...]]
+    massless: Mapping[str, tuple[Term, ...]]
     inertia: Term
     delays: Term
 
@@ -218,10 +223,47 @@ class _Writer:
             moves=self._columns("moves", said.moves),
             starts=self._columns("starts", said.starts, apart=True),
             becomes=self._columns("becomes", said.becomes),
+            massless=self._massless(gives, said),
             inertia=self._terms("inertia", ca.SX(said.inertia))[0],
             delays=self._terms("delays", ca.SX(said.delays))[0],
         )
         return form, self._written
+
+    def _massless(self, gives: ca.SX, said: Equations) -> dict[str, tuple[Term, ...]]:
+        declared = self._effect.declared_states
+        if self._effect.place is not Place.MOTION or any(s.velocity for s in declared.values()):
+            return {}
+        x, v = self._symbol("position"), self._symbol("position" + RATE)
+        own = [self._x[k] for k, state in declared.items() if state.position]
+
+        def held(column: Any) -> ca.SX:
+            return ca.substitute([ca.SX(column)], own, [x] * len(own))[0]
+
+        force = held(gives)
+        if ca.depends_on(force, v):
+            return {}
+        rates = {"time": ca.SX(1.0), "position": v}
+        for k, size in self._effect.states.items():
+            rate = held(said.moves.get(k, 0.0))
+            column = ca.repmat(rate, size, 1) if rate.numel() == 1 else ca.reshape(rate, size, 1)
+            names = (STATE + name for name in elements(k, size))
+            rates.update(zip(names, ca.vertsplit(ca.densify(column)), strict=True))
+        moving = [n for n in list(self._symbols) if _moves(n) and n != v.name()]
+        drift = ca.jtimes(
+            force,
+            ca.vertcat(*(self._symbols[n] for n in moving)),
+            ca.vertcat(*(rates[n] if n in rates else self._symbol(n + RATE) for n in moving)),
+        )
+        slope = ca.jacobian(drift, v)
+        bent = not ca.jacobian(slope, v).is_zero()
+        balance = ca.vertcat(force, ca.jacobian(force, x))
+        return {
+            "balance": self._terms("balance", balance, structure=False),
+            "drift": (
+                *self._terms("drift", ca.vertcat(drift, slope), structure=False),
+                Term("number", value=float(bent)),
+            ),
+        }
 
     def _columns(
         self, kind: str, said: Mapping[str, Any], apart: bool = False

@@ -22,11 +22,11 @@ from typing import Any, Final, final
 import casadi as ca
 
 from piezo_opt.assembly import ORIGIN
-from piezo_opt.effects.base import Effect
+from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.keeping import digest
 from piezo_opt.simulation.compiler import find_compiler, load
-from piezo_opt.simulation.compose import PRODUCT, QUOTIENT, SUMS, WEIGHTS
+from piezo_opt.simulation.compose import PRODUCT, QUOTIENT, SIGN, SUMS, WEIGHTS
 from piezo_opt.simulation.exponential import weights
 from piezo_opt.simulation.forms import (
     Form,
@@ -44,7 +44,7 @@ from piezo_opt.symbolic import one_at_a_time
 
 WRITERS: Final = (
     "core.h", "core.c", "machine.h", "assembler.h", "exponential.py", "forms.py",
-    "functions.py", "instructions.py", "emit.py", "powers.py", "library.py", "undivided.py",
+    "functions.py", "instructions.py", "emit.py", "powers.py", "library.py",
 )  # fmt: skip
 """Files of this folder that a library follows from."""
 _NAMELESS: Final = "po_nameless_"
@@ -167,9 +167,15 @@ def _key(form: Effect, runtime: frozenset[str]) -> str:
 
 
 def _choices(form: Effect) -> list[frozenset[str]]:
-    """Sets of fixed parameters that a form of the catalogue can have changed; smallest first."""
+    """Sets of fixed parameters that a form of the catalogue can have changed; smallest first.
+
+    All of a force but its times are one, for a spring without mass: a time makes a force follow the
+    velocity, which that does not hold.
+    """
     every = changeable(form)
     found = {frozenset[str](), every, *(frozenset([one]) for one in every)}
+    if form.place is Place.MOTION:
+        found.add(frozenset(k for k in every if form.parameters[k].unit != "s"))
     return sorted(found, key=lambda some: (len(some), sorted(some)))
 
 
@@ -211,7 +217,9 @@ def _texts(
             pieces.append(text)
             parts[kind] = replace(form.parts[kind], symbol=symbol, kept=kept)
         told[key] = _told(replace(form, parts=parts))
-    pieces += [c_functions(symbol, function, False)[0] for symbol, function in shared.items()]
+    pieces += [
+        c_functions(symbol, function, symbol == SIGN)[0] for symbol, function in shared.items()
+    ]
     units = {f"unit_{i}.c": '#include "head.h"\n' + text for i, text in enumerate(_packed(pieces))}
     known = json.dumps(json.dumps(told, separators=(",", ":")))
     units["forms.c"] = f"const char po_forms[] = {known};\n"
@@ -244,8 +252,10 @@ def _packed(pieces: Iterable[str]) -> Iterator[str]:
 
 
 def _shared() -> dict[str, Written]:
-    """The weights of linear blocks as functions of their matrix and the length of a sub-step."""
-    found = {}
+    """The weights of linear blocks as functions of their matrix and the length of a sub-step, and
+    the sign of a number."""
+    one = ca.SX.sym("z")
+    found = {SIGN: with_slopes(ca.sign(one), ca.SX(0, 1), one)}
     for size, symbol in enumerate(WEIGHTS, start=1):
         entries, h = ca.SX.sym("L", size * size), ca.SX.sym("h")
         matrix = ca.reshape(entries, size, size).T
@@ -275,7 +285,7 @@ def _told(form: Form) -> dict[str, Any]:
 
 
 _SINGLE: Final = ("gives", "rate", "inertia", "delays")
-_COLUMNS: Final = ("moves", "starts", "becomes")
+_COLUMNS: Final = ("moves", "starts", "becomes", "massless")
 
 
 def _form(told: Mapping[str, Any]) -> Form:
@@ -289,10 +299,10 @@ def _form(told: Mapping[str, Any]) -> Form:
         for k, (inputs, outputs, needs, linear, bends, symbol, kept) in told["parts"].items()
     }  # fmt: skip
     gives, rate, inertia, delays = (Term(*told[k]) for k in _SINGLE)
-    moves, starts, becomes = (
+    moves, starts, becomes, massless = (
         {n: tuple(Term(*t) for t in terms) for n, terms in told[k].items()} for k in _COLUMNS
     )
-    return Form(parts, gives, rate, moves, starts, becomes, inertia, delays)
+    return Form(parts, gives, rate, moves, starts, becomes, massless, inertia, delays)
 
 
 def _file(name: str) -> str:

@@ -7,26 +7,27 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from time import sleep
+from typing import Any, final
 
 import numpy as np
 import pytest
 
 import piezo_opt as po
-from piezo_opt.assembly import System, assemble
-from piezo_opt.effects import BoucWen, PiezoGain, SecondOrder, Spring
+from piezo_opt.effects import BoucWen, PiezoGain, SecondOrder
+from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
 from piezo_opt.measurement import Measurement
-from piezo_opt.simulation import Simulator, Substeps, compiler, library, undivided
+from piezo_opt.simulation import Simulator, Substeps, compiler, library
 from piezo_opt.simulation.compiler import find_compiler, load
 from piezo_opt.simulation.engine import engine
-from piezo_opt.simulation.forms import Written
+from piezo_opt.simulation.forms import Form, Written
+from piezo_opt.simulation.library import functions_of
 from piezo_opt.values import Values
 
 COMPILER = find_compiler()
-SPRUNG = PiezoGain() + BoucWen() + Spring()
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="compiles C: no compiler")
 
 TEXT = "double po_run(double x) { return 2.0 * x + 0.125; }\n"
@@ -42,6 +43,20 @@ library = module.load({TEXT!r})
 library.po_run.restype, library.po_run.argtypes = ctypes.c_double, [ctypes.c_double]
 print(library.po_run(3.0))
 """
+
+
+@final
+@dataclass(frozen=True)
+class Own(Effect):
+    """A power of the drive, as nobody else has it."""
+
+    power: int = 1
+    place = Place.STRAIN
+    size = Parameter("m", "displacement at 1 V", nominal=0.0, bounds=(0.0, 1.0), null=0.0)
+    held = Parameter("1", "factor", nominal=1.0, bounds=(0.0, 2.0), fixed=True)
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        return Equations(gives=p.held * p.size * chain.drive.value**self.power)
 
 
 @pytest.fixture
@@ -215,21 +230,20 @@ def test_without_a_compiler_the_numbers_are_the_same(monkeypatch: pytest.MonkeyP
 def test_threads_write_programs_one_at_a_time(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """CasADi frees expressions without the interpreter's lock: two threads at it may crash."""
     inside, most = 0, 0
-    known = undivided._functions
+    known = library.written
 
-    def functions(system: System, exact: bool) -> Mapping[str, Written]:
+    def written(effect: Effect, runtime: frozenset[str]) -> tuple[Form, dict[str, Written]]:
         nonlocal inside, most
         inside += 1
         most = max(most, inside)
         sleep(0.02)
-        written = known(system, exact)
+        found = known(effect, runtime)
         inside -= 1
-        return written
+        return found
 
-    monkeypatch.setattr(undivided, "_functions", functions)
-    systems = [assemble(SPRUNG, {"bouc_wen.n": n}) for n in (1.0, 1.5, 2.0, 2.5)]
+    monkeypatch.setattr(library, "written", written)
     with ThreadPoolExecutor(max_workers=4) as pool:
-        made = list(pool.map(lambda system: undivided.undivided(system, False), systems))
+        made = list(pool.map(lambda n: functions_of(Own(n), frozenset()), (1, 2, 3, 4)))
     assert all(one is not None for one in made)
     assert len(libraries(cache)) == 4
     assert most == 1
@@ -258,7 +272,7 @@ def test_a_recipe_is_the_same_in_every_process() -> None:
 def test_the_library_follows_from_every_file_that_it_is_written_by() -> None:
     """A kept library of another version of one of them would go on being used."""
     folder, prefix = Path(library.__file__).parent, "from piezo_opt.simulation."
-    found, left = set(), ["undivided"]
+    found, left = set(), ["library"]
     while left:
         name = left.pop()
         found.add(name)
@@ -275,18 +289,18 @@ def test_the_library_follows_from_every_file_that_it_is_written_by() -> None:
 def test_a_program_is_written_once_and_again_for_whatever_differs(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    written: list[bool] = []
-    known = undivided._functions
+    asked: list[tuple[Effect, frozenset[str]]] = []
+    known = library.written
+    assert functions_of(BoucWen(), frozenset()) is not None  # the catalogue is there by now
 
-    def functions(system: System, exact: bool) -> Mapping[str, Written]:
-        written.append(exact)
-        return known(system, exact)
+    def written(effect: Effect, runtime: frozenset[str]) -> tuple[Form, dict[str, Written]]:
+        asked.append((effect, runtime))
+        return known(effect, runtime)
 
-    monkeypatch.setattr(undivided, "_functions", functions)
-    round_, sharp = (assemble(SPRUNG, {"bouc_wen.n": n}) for n in (1.0, 2.0))
-    for system, exact in (
-        (round_, False), (round_, True), (sharp, False), (round_, False), (sharp, False),
-    ):  # fmt: skip
-        assert undivided.undivided(system, exact) is not None
-    assert written == [False, True, False]
+    monkeypatch.setattr(library, "written", written)
+    plain, free = frozenset[str](), frozenset(["held"])
+    wanted = [(Own(5), plain), (Own(5), free), (Own(6), plain)]
+    for effect, runtime in [*wanted, wanted[0], wanted[2]]:
+        assert functions_of(effect, runtime) is not None
+    assert asked == wanted
     assert len(libraries(cache)) == 3
