@@ -118,8 +118,9 @@ def still(at: Members, fit: Fit, foot: Identification) -> list[Start]:
     return [Start(members, dict(fit.values)), Start(members, None)]
 
 
-def laws(at: Members, fit: Fit, withheld: Sequence[str]) -> list[Start]:
-    """Other hysteresis laws in the place of the base model's own, from several widths.
+def laws(at: Members, fit: Fit, withheld: Sequence[str], book: Book) -> list[Start]:
+    """Other hysteresis laws in the place of the base model's own: from where each ended in the best
+    set that it was fitted in, or else from several widths.
 
     Each begins with its details free: where a loop that remembers its turns was reached from is one
     of them, and without it no density fits. Those that do not pay for themselves go at the end.
@@ -137,6 +138,12 @@ def laws(at: Members, fit: Fit, withheld: Sequence[str]) -> list[Start]:
         rest = (k for k in at.free if k.split(".")[0] != own_law)
         free = tuple(sorted((*rest, *details)))
         members = replace(at, base=at.base.replaced(own_law, law), free=free)
+        known = next((m for m in book.sets if m.law and m.base[m.law] == law), None)
+        if known is not None:
+            ended = own(book[known].values, law.name)
+            begun = {f"{law.name}.{k}": v for k, v in ended.items()}
+            found.append(Start(members, {**kept, **details, **begun}))
+            continue
         for begun in _laws_starts(law, record.drive):
             found.append(Start(members, {**kept, **details, **begun}))
         found.append(Start(members, None))
