@@ -77,7 +77,7 @@ class Form:
     Attributes:
         parts: its functions.
         gives: what it gives its place.
-        rate: the rate of that.
+        rate: the rate of that, where something reads it: on a line and on the strain balance.
         moves, starts, becomes: of its states, one term an element.
         massless: of a force on the position x, for a balance without inertia: ``"balance"``, the
             force and its derivative by x; ``"drift"``, the rate of the force, the derivative of
@@ -211,7 +211,8 @@ class _Writer:
                 if state not in self._effect.states:
                     raise ModelError(f"'{state}' is not a declared state")
         gives = ca.SX(said.gives)
-        by_time = [n for n in self._symbols if _moves(n)]
+        asked = self._effect.place.is_line or self._effect.place is Place.STRAIN
+        by_time = [n for n in self._symbols if _moves(n)] if asked else []
         rates = [ca.SX(1.0) if n == "time" else self._symbol(n + RATE) for n in by_time]
         rate = ca.jtimes(
             gives, ca.vertcat(*(self._symbols[n] for n in by_time)), ca.vertcat(*rates)
