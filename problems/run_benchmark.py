@@ -27,6 +27,7 @@ import piezo_opt as po
 from piezo_opt.benchmark.coverage import Coverage, coverage
 from piezo_opt.benchmark.optimisers import Contender, Race, race
 from piezo_opt.effects import Creep
+from piezo_opt.errors import InputError
 from piezo_opt.signals import Criterion, best_for, ceiling
 from piezo_opt.simulation import simulate
 
@@ -87,7 +88,11 @@ def drives(chosen: list[str]) -> None:
     )
     for name in chosen:
         fit = po.solve(problem(name).question())
-        apart, joint = (best_for(fit, criterion=one) for one in CRITERIA)
+        try:
+            apart, joint = (best_for(fit, criterion=one) for one in CRITERIA)
+        except InputError as refused:
+            print(f"{name:<22}{refused}", flush=True)
+            continue
         most = f"{ceiling(fit).at_most:.2f}" if fit.model.quasi_static else ""
         row = f"{name:<22}{len(apart.parameters):>10}{apart.gain:>12.2f}{most:>9}"
         print(f"{row}{joint.joint_gain:>10.2f}  {apart.drive.description}", flush=True)

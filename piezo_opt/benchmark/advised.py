@@ -6,13 +6,13 @@ another effect imitate it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, final
 
 import numpy as np
 
-from piezo_opt.diagnosis import diagnose
+from piezo_opt.diagnosis import Stopped, diagnose
 from piezo_opt.diagnosis.advice import Advice, converged
 from piezo_opt.effects import (
     AmplifierLag,
@@ -27,7 +27,7 @@ from piezo_opt.effects import (
     SecondOrder,
 )
 from piezo_opt.errors import InputError
-from piezo_opt.identification import Fit, Identification, solve
+from piezo_opt.identification import Ending, Fit, Identification, solve
 from piezo_opt.measurement import FloatArray, Measurement
 from piezo_opt.signals.answer import Answer, draws
 from piezo_opt.simulation import simulate
@@ -134,8 +134,8 @@ def resolved(
     *,
     cases: Sequence[str] = tuple(CASES),
     progress: Callable[[str], None] | None = None,
-) -> tuple[Resolved, ...]:
-    """Groups that a diagnosis names, on the drives that it advises for them.
+) -> Iterator[Resolved]:
+    """Groups that a diagnosis names, on the drives that it advises for them, one after the other.
 
     In each plant one member of the group is true, each in turn, with values that its fit to the
     record thinks possible. The advised drive is played on it with noise; the model of every member
@@ -147,19 +147,27 @@ def resolved(
         cases: names of :data:`CASES`.
         progress: told where it is.
 
+    Yields:
+        each case, as soon as all of its plants are played.
+
     Raises:
         InputError: there is no such case.
+        KeyboardInterrupt: Ctrl-C or a limit of time, within a diagnosis or a fit too.
     """
-    return tuple(_resolved(name, plants, progress or (lambda _: None)) for name in cases)
+    for name in cases:
+        if name not in CASES:
+            raise InputError(f"There is no case {name!r}: choose from {', '.join(CASES)}.")
+    for name in cases:
+        yield _resolved(name, plants, progress or (lambda _: None))
 
 
 def _resolved(name: str, plants: int, tell: Callable[[str], None]) -> Resolved:
-    if name not in CASES:
-        raise InputError(f"There is no case {name!r}: choose from {', '.join(CASES)}.")
     case = CASES[name]
     record = case.record()
     tell(f"{name}, diagnosis")
-    found = diagnose(solve(Identification(case.base, record)))
+    found = diagnose(_whole(solve(Identification(case.base, record))))
+    if found.stopped is Stopped.USER:
+        raise KeyboardInterrupt
     step = next(s for s in found.steps if len(s.group) > 1)
     advice = next(a for a in found.experiments if a.group == step.group)
     fits = {n: converged(fit) for n, fit in step.alternatives.items()}
@@ -176,6 +184,13 @@ def _resolved(name: str, plants: int, tell: Callable[[str], None]) -> Resolved:
     )
 
 
+def _whole(fit: Fit) -> Fit:
+    """The fit: one that was interrupted holds its best so far, which proves nothing here."""
+    if fit.outcome.ending is Ending.INTERRUPTED:
+        raise KeyboardInterrupt
+    return fit
+
+
 def _grown(
     fits: Mapping[str, Fit], true: str, advice: Advice, noise: FloatArray, seed: int
 ) -> dict[str, float]:
@@ -187,6 +202,6 @@ def _grown(
     grown = {}
     for name, fit in fits.items():
         both = replace(fit.question, records=(*fit.records, new), start=None)
-        again = solve(both, start=fit)
+        again = _whole(solve(both, start=fit))
         grown[name] = float(np.sum(np.square(again.residuals)) - np.sum(np.square(fit.residuals)))
     return grown

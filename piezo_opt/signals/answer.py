@@ -81,9 +81,14 @@ class Answer:
         """The parameters meant, all shared ones where none are named.
 
         Raises:
-            InputError: one is not estimated by the fit.
+            InputError: one is not estimated by the fit, or none is that all records share.
         """
         if parameters is None:
+            if not self.parameters:
+                raise InputError(
+                    "the fit estimates nothing that all records share: leave a parameter free, or "
+                    "name what the drive is for"
+                )
             return self.parameters
         for name in parameters:
             if name not in self.names:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
@@ -105,6 +106,15 @@ def test_three_times_better_than_a_triangle_on_the_thesis_loop() -> None:
     assert "times better than from a triangle" in str(told)
     low, high = told.over_draws["bouc_wen.beta"]
     assert low <= told.expected["bouc_wen.beta"] <= high
+
+
+def test_a_fit_without_parameters_has_no_best_drive(line: po.Fit) -> None:
+    """An offset belongs to its record: a drive is for it only where it is named."""
+    fit = po.solve(replace(line.question, fixed={"piezo_gain.d": 1e-7}))
+    with pytest.raises(InputError, match="estimates nothing that all records share"):
+        best_for(fit, noise=NOISE)
+    told = best_for(fit, ["offset.y0"], noise=NOISE, evaluations=0)
+    assert told.expected["offset.y0"] == pytest.approx(NOISE / np.sqrt(400.0), rel=1e-6)
 
 
 def test_limits_and_seed(loop: po.Fit) -> None:
