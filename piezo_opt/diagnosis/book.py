@@ -150,7 +150,7 @@ class Book:
             self._fits[members] = fit
 
     def race(
-        self, starts: Sequence[Start], kept: int = _KEPT, beyond: float = float("inf")
+        self, starts: Sequence[Start], *, everyone: bool = False, beyond: float = float("inf")
     ) -> None:
         """Fit sets from their starts in rounds; who is behind is left where he is.
 
@@ -159,7 +159,7 @@ class Book:
 
         Args:
             starts: sets and where they begin.
-            kept: of so many sets one goes on after a round.
+            everyone: whether all sets go on after a round, and not only the best quarter.
             beyond: error [m] that decides: a fit that is above it and hardly falls is given up.
         """
         fresh = [start for start in starts if self._new(start)]
@@ -182,7 +182,7 @@ class Book:
                     ahead,
                     key=lambda m: min(self._criterion(m, fit) for _, fit in ahead[m].values()),
                 )
-                sets = sets[: max(_LEAST, -(-len(sets) // kept))]
+                sets = sets if everyone else sets[: max(_LEAST, -(-len(sets) // _KEPT))]
                 ranked = [pair for members in sets for pair in ahead[members].values()]
                 open_ = [(s, f) for s, f in ranked if not f.outcome.success]
                 if not open_:

@@ -161,16 +161,14 @@ def search(
                     starts += _exchanged(book, at, offered, effort, threads)
                 book.race(starts)
                 quiet = is_noise(book.settled(book.best), least)
-                # Laws have more numbers than an effect and come to their own later: at the foot all
-                # go on, unless an effect has been enough.
                 if at.law == book.base.law and not done:
-                    instead = laws(at, fit, withheld, book)
-                    if quiet:
-                        book.race(instead, beyond=book[book.best].rms)
-                    elif at.effects:
-                        book.race(instead)
-                    else:
-                        book.race(instead, kept=1)
+                    # Laws have more numbers than an effect and come to their own later: at the foot
+                    # all go on, unless an effect has been enough.
+                    book.race(
+                        laws(at, fit, withheld, book),
+                        everyone=not (quiet or at.effects),
+                        beyond=book[book.best].rms if quiet else float("inf"),
+                    )
                     quiet = is_noise(book.settled(book.best), least)
                 if quiet and any(m.hypothesis in expanded and not ahead(m) for m in book.level):
                     break
