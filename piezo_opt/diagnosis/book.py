@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from threading import Lock
 from typing import final
 
 from piezo_opt.diagnosis.colour import Colour
@@ -85,6 +86,7 @@ class Book:
         self._ended: dict[Members, Fit] = {}
         self._begun: set[tuple[Members, tuple[tuple[str, float], ...] | None]] = set()
         self._bases: dict[tuple[str, ...], Values | None] = {}
+        self._keeping = Lock()
         self._prices: dict[Members, tuple[Fit, Colour, float]] = {}
 
     def __contains__(self, members: Members) -> bool:
@@ -145,9 +147,11 @@ class Book:
 
     def keep(self, members: Members, fit: Fit) -> None:
         """Write a fit down, where it is the best of its set."""
-        before = self._fits.get(members)
-        if fit.rms == fit.rms and (before is None or fit.rms < before.rms):
-            self._fits[members] = fit
+        rms = fit.rms
+        with self._keeping:  # two starts of one set may end in the same moment
+            before = self._fits.get(members)
+            if rms == rms and (before is None or rms < before.rms):
+                self._fits[members] = fit
 
     def race(
         self, starts: Sequence[Start], *, everyone: bool = False, beyond: float = float("inf")
