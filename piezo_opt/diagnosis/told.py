@@ -13,7 +13,6 @@ from piezo_opt.diagnosis.members import Members
 from piezo_opt.diagnosis.moves import still
 from piezo_opt.diagnosis.refit import CLOSE
 from piezo_opt.diagnosis.scores import Suspect
-from piezo_opt.diagnosis.structure import is_noise
 from piezo_opt.effects.base import Effect
 from piezo_opt.identification import Fit, with_statistics
 from piezo_opt.units import show
@@ -144,19 +143,14 @@ def _worthy(
 ) -> tuple[Members, tuple[tuple[str, float], ...]]:
     """The set without effects, and then details, that explain too little, the weakest first.
 
-    Beside it the effects that were left out although the criterion is for them. The last one stays
-    where it is all that makes noise of what is left: without it the answer would be that no effect
-    explains that.
+    Beside it the effects that were left out although the criterion is for them.
     """
     slight: list[tuple[str, float]] = []
     while True:
         fit = book.settled(best)
         asked = [(_explains(book, less, fit), less) for less in _fewer(book, best)]
         weakest = min(asked, key=lambda pair: pair[0], default=None)
-        if (
-            weakest is not None and weakest[0] < least
-            and not _enough(book, best, weakest[1], least)
-        ):  # fmt: skip
+        if weakest is not None and weakest[0] < least:
             explains, less = weakest
             if book.price(less) - book.price(best) > RESOLUTION:
                 (name,) = {*best.names} - {*less.names}
@@ -167,13 +161,6 @@ def _worthy(
         if lean == best:
             return best, tuple(slight)
         best = lean
-
-
-def _enough(book: Book, best: Members, less: Members, least: float) -> bool:
-    """Whether a set with one effect leaves noise and that without it does not."""
-    if less.effects or less not in book or not is_noise(book.settled(best), least):
-        return False
-    return not is_noise(book.settled(less), least)
 
 
 def _likeliest(book: Book, best: Members, suspects: Sequence[Suspect]) -> Members:
