@@ -598,7 +598,9 @@ def _verdict(diagnosis: Diagnosis) -> str:
     found = fell[:1].upper() + fell[1:]
     if diagnosis.structure.only_elsewhere and diagnosis.unexplained is None:
         return f"Unexplained: {found}the record that is judged on is not predicted as well."
-    return f"Unexplained: {found}structure is left that no effect of the catalogue explains."
+    slight = ", ".join(name for name, _ in diagnosis.slight)
+    but = f" but {slight}, too slight to be named" if slight else ""
+    return f"Unexplained: {found}structure is left that no effect of the catalogue explains{but}."
 
 
 def _with_group(step: Step) -> str:
