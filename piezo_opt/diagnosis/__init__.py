@@ -1,10 +1,10 @@
 """Diagnosis: where a model fails, which effect is missing, and whether adding it holds."""
 
 from piezo_opt.diagnosis.diagnose import Diagnosis, Stopped, diagnose
+from piezo_opt.diagnosis.entering import Quantity
 from piezo_opt.diagnosis.forces import Force, correction_force, forces
 from piezo_opt.diagnosis.formula import Formula
 from piezo_opt.diagnosis.search import Effort
-from piezo_opt.diagnosis.trajectory import Quantity
 from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
 
 __all__ = [

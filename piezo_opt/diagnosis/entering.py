@@ -1,4 +1,4 @@
-"""How the readings answer to a correction that enters one place of the chain.
+"""A fitted chain opened: its signals, and how the readings answer to a correction in any place.
 
 A correction w(t) is handed to its place by a small effect that reads it as a channel of the
 record. Linearised along the fit (``simulation.transitions``), the answer to any w, and the
@@ -7,27 +7,51 @@ transpose of that, is one sparse triangular solve: linear in the number of sampl
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 from functools import cache
-from typing import Any, final
+from typing import Any, Final, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from piezo_opt.assembly import assemble
 from piezo_opt.diagnosis.base_point import BasePoint
-from piezo_opt.diagnosis.trajectory import Trajectory, initial_of, numbers_of, trajectory
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import ModelError
-from piezo_opt.identification import Fit
+from piezo_opt.identification import Fit, Start
+from piezo_opt.identification.unknowns import theta_of, unknowns
 from piezo_opt.lazy import lazy
+from piezo_opt.measurement import Measurement
 from piezo_opt.simulation import Initial, Simulator
 from piezo_opt.simulation.transitions import Transitions
 
 FloatArray = NDArray[np.float64]
 
-_TOGETHER = 8
+PIECES: Final = 16
+"""Knots of a function of one signal."""
+
+
+class Quantity(Enum):
+    """A signal that a correction is drawn against, by its sign in formulas."""
+
+    DRIVE = "v"
+    DRIVE_RATE = "v'"
+    HYSTERESIS = "h"
+    POSITION = "x"
+    VELOCITY = "x'"
+    SINCE_REVERSAL = "log time since reversal"
+    TIME = "t"
+
+    @property
+    def unit(self) -> str:
+        """SI unit; V stands for the drive's unit."""
+        return {"v": "V", "v'": "V/s", "h": "m", "x": "m", "x'": "m/s", "t": "s"}.get(
+            self.value, "1"
+        )
 
 
 @final
@@ -39,113 +63,151 @@ class Entering:
 
     Attributes:
         places: places that this model has.
-        trajectory: signals along the fit.
+        signals: along the fit by quantity (N,), SI units, one record after the other; one that
+            does not move is left out.
+        lengths: samples of each record.
     """
 
     def __init__(self, fit: Fit) -> None:
         self.fit = fit
         self.point = BasePoint(fit)
-        self.trajectory: Trajectory = trajectory(fit)
-        self.places = tuple(place for place in Place if _has(fit.model, place))
+        self.places = tuple(p for p in Place if assembles(fit.model + _probe(p)))
         model = fit.model
         for place in self.places:
             model = model + _probe(place)
-        names = model.names[len(fit.model) :]
-        amplitudes = [(f"{n}.at_start", f"{n}.at_end") for n in names]
+        amplitudes = [(f"{n}.at_start", f"{n}.at_end") for n in model.names[len(fit.model) :]]
+        channels = [_channels(place) for place in self.places]
+        unknown = unknowns(fit.question, fit.values)
+        theta = theta_of(unknown, fit.values)
         self._linear: list[Transitions] = []
-        for index, (record, numbers) in enumerate(zip(fit.records, numbers_of(fit), strict=True)):
-            empty = np.zeros(len(record))
-            channels = {name: empty for place in self.places for name in _channels(place)}
-            values = {**numbers, **{name: 0.0 for pair in amplitudes for name in pair}}
+        signals: list[dict[Quantity, FloatArray]] = []
+        for index, record in enumerate(fit.records):
+            values = unknown.of_record(index, theta)
+            values |= {name: 0.0 for pair in amplitudes for name in pair}
+            empty = {name: np.zeros(len(record)) for pair in channels for name in pair}
+            probed = record.with_(channels={**record.channels, **empty})
             simulator = Simulator(
-                model,
-                record.with_(channels={**record.channels, **channels}),
-                values,
-                initial=initial_of(fit, record),
+                model, probed, values,
+                initial=self._initial(record),
                 runtime=fit.question.free,
                 substeps=fit.accuracy[index].substeps,
-            )
-            self._linear.append(
-                Transitions(simulator, values, amplitudes, [_channels(p) for p in self.places])
-            )
-        self._counted = [record.counted for record in fit.records]
-        self._extra = self._periodic_starts()
+            )  # fmt: skip
+            self._linear.append(Transitions(simulator, values, amplitudes, channels))
+            signals.append(_signals(simulator, probed, values))
+        stacked = {q: np.concatenate([own[q] for own in signals]) for q in Quantity}
+        self.signals: Mapping[Quantity, FloatArray] = {
+            q: s for q, s in stacked.items() if np.isfinite(s).all() and np.ptp(s) > 0
+        }
+        self.lengths = tuple(len(record) for record in fit.records)
+        self._counted = np.concatenate([record.counted for record in fit.records])
+        self._starts = self._periodic_starts()
+
+    def _initial(self, record: Measurement) -> Initial:
+        periodic = self.fit.question.start_of(record) is Start.PERIODIC
+        return Initial.PERIODIC if periodic else Initial.REST
 
     def _periodic_starts(self) -> FloatArray:
-        """Directions (M, .) by which the start of a periodic record may follow a correction.
+        """Orthonormal directions (M, .) by which periodic starts may follow a correction.
 
         The start of a periodic steady state moves with the correction; it is left free instead,
         which is a little more generous.
         """
-        rows = int(sum(counted.sum() for counted in self._counted))
-        columns, at = [np.zeros((rows, 0))], 0
-        for record, counted, linear in zip(
-            self.fit.records, self._counted, self._linear, strict=True
-        ):
-            own = int(counted.sum())
-            if initial_of(self.fit, record) is Initial.PERIODIC:
-                block = np.zeros((rows, linear.states))
-                block[at : at + own] = linear.starts()[counted]
-                columns.append(self.point.project(block))
-            at += own
-        moved = np.hstack(columns)
-        if not moved.shape[1]:
-            return moved
-        u, s, _ = np.linalg.svd(moved, full_matrices=False)
+        parts = [
+            linear.starts()[:, : linear.states * (self._initial(record) is Initial.PERIODIC)]
+            for record, linear in zip(self.fit.records, self._linear, strict=True)
+        ]
+        moved = scipy.linalg.block_diag(*parts)[self._counted]
+        u, s, _ = np.linalg.svd(self.point.project(moved), full_matrices=False)
         return np.asarray(u[:, s > 1e-9 * s.max(initial=0.0)])
+
+    def split(self, stacked: FloatArray) -> list[FloatArray]:
+        """One array a record of an array (N, ...) over all samples."""
+        return np.split(stacked, np.cumsum(self.lengths)[:-1])
 
     @lazy
     def residual(self) -> FloatArray:
         """Measured minus modelled (M,) [m], less what :meth:`project` removes."""
         return self.project(self.point.residual)
 
+    @lazy
+    def hats(self) -> Mapping[Quantity, FloatArray]:
+        """Pieces (N, q) that a function of each signal is made of."""
+        return {quantity: pieces(along) for quantity, along in self.signals.items()}
+
     def project(self, column: FloatArray) -> FloatArray:
         """What neither the fitted parameters nor a periodic start explain of columns (M, ...)."""
         left = self.point.project(column)
-        if not self._extra.shape[1]:
-            return left
-        return np.asarray(left - self._extra @ (self._extra.T @ left))
+        return np.asarray(left - self._starts @ (self._starts.T @ left))
 
     def answers(self, place: Place, corrections: FloatArray) -> FloatArray:
         """Changes of the counted readings (M, q) by corrections (N, q) in the place's unit."""
         index = self.places.index(place)
-        answers = np.empty((self.point.samples, corrections.shape[1]))
-        # A few columns at a time stay in the processor's cache.
-        for first in range(0, corrections.shape[1], _TOGETHER):
-            few = slice(first, first + _TOGETHER)
-            parts = self.trajectory.split(corrections[:, few])
-            answers[:, few] = np.concatenate(
-                [
-                    linear.forward(index, own)[counted]
-                    for linear, own, counted in zip(self._linear, parts, self._counted, strict=True)
-                ]
-            )
-        return answers
+        parts = zip(self._linear, self.split(corrections), strict=True)
+        whole = np.concatenate([one.forward(index, own) for one, own in parts])
+        return np.asarray(whole[self._counted])
 
     def back(self, place: Place, rows: FloatArray) -> FloatArray:
         """The transpose of :meth:`answers` on one column (M,): (N,)."""
         index = self.places.index(place)
-        parts, at = [], 0
-        for linear, counted in zip(self._linear, self._counted, strict=True):
-            spread = np.zeros(counted.size)
-            spread[counted] = rows[at : at + int(counted.sum())]
-            at += int(counted.sum())
-            parts.append(linear.adjoint(index, spread))
-        return np.concatenate(parts)
+        spread = np.zeros(self._counted.size)
+        spread[self._counted] = rows
+        parts = zip(self._linear, self.split(spread), strict=True)
+        return np.concatenate([one.adjoint(index, own) for one, own in parts])
 
 
-def _has(model: Model, place: Place) -> bool:
-    if place is Place.MOTION:
-        return not model.quasi_static
-    if place is not Place.LOOP:
-        return True
-    if model.loop is None:
-        return False
+def assembles(model: Model) -> bool:
+    """Whether a model has what its effects need, and no signal depends on itself.
+
+    No law that jumps along the drive has a rate to be corrected, for one.
+    """
     try:
-        assemble(model + _probe(place))
+        assemble(model)
     except ModelError:
-        return False  # a law that jumps along the drive has no rate to be corrected
+        return False
     return True
+
+
+def _signals(
+    simulator: Simulator, record: Measurement, numbers: Mapping[str, float]
+) -> dict[Quantity, FloatArray]:
+    states = simulator.response(numbers).states
+    system, t = simulator.system, record.time
+    n = t.size
+    p = np.array([numbers[name] for name in system.parameter_names], dtype=float)
+    shift = 0.0 if system.delay is None else float(system.delay(p))
+    u = np.interp(t - shift, t, record.drive)
+    beside = np.array([record.channels[c] for c in system.channel_names]).reshape(-1, n)
+    slopes = np.array([np.gradient(c, t) for c in beside]).reshape(-1, n)
+    given = (t[None], states.T, u[None], np.gradient(u, t)[None], beside, slopes)
+    v, dv, h, _, _, x, dx = np.array(system.signals.map(n)(*given, np.tile(p[:, None], (1, n))))
+    return {
+        Quantity.DRIVE: v,
+        Quantity.DRIVE_RATE: dv,
+        Quantity.HYSTERESIS: h,
+        Quantity.POSITION: x,
+        Quantity.VELOCITY: dx,
+        Quantity.SINCE_REVERSAL: np.log1p(_since_reversal(t, u) / record.step),
+        Quantity.TIME: t - t[0],
+    }
+
+
+def _since_reversal(t: FloatArray, drive: FloatArray) -> FloatArray:
+    """Seconds since the drive last turned; a drive that holds has not turned."""
+    way = np.sign(np.diff(drive, prepend=drive[0]))
+    moving = np.flatnonzero(way)
+    # The turn lies at the sample before the first one that moves the other way.
+    turned = np.maximum(moving[1:][way[moving][1:] != way[moving][:-1]] - 1, 0)
+    last = np.zeros(t.size, dtype=int)
+    last[turned] = turned
+    return np.asarray(t - t[np.maximum.accumulate(last)])
+
+
+def pieces(along: FloatArray) -> FloatArray:
+    """Hat functions (N, q) of a signal, their knots between evenly spaced and evenly filled."""
+    even = np.linspace(along.min(), along.max(), PIECES)
+    filled = np.quantile(along, np.linspace(0.0, 1.0, PIECES))
+    knots = np.unique(0.5 * (even + filled))
+    return np.column_stack([np.interp(along, knots, row) for row in np.eye(knots.size)])
 
 
 def _channels(place: Place) -> tuple[str, str]:
@@ -161,15 +223,44 @@ def _probe(place: Place) -> Effect:
         before = chain.incoming.value if place.is_line else 0.0
         return Equations(gives=before + p.at_start * falling + p.at_end * rising)
 
-    body: dict[str, Any] = {
-        "__doc__": "A correction given as channels of the record.",
-        "__module__": "made_at_run_time",  # it stands in no file and in no catalogue
-        "place": place,
-        "requires": tuple(f"channel:{name}" for name in _channels(place)),
-        "equations": equations,
-        "at_start": Parameter("1", "size of the falling half", nominal=0.0, null=0.0),
-        "at_end": Parameter("1", "size of the rising half", nominal=0.0),
-    }
-    kind: Any = dataclass(frozen=True)(type("Correction", (Effect,), body))
+    return made_effect(
+        "Correction",
+        "A correction given as channels of the record.",
+        place,
+        equations,
+        {
+            "at_start": Parameter("1", "size of the falling half", nominal=0.0, null=0.0),
+            "at_end": Parameter("1", "size of the rising half", nominal=0.0),
+        },
+        *(f"channel:{name}" for name in _channels(place)),
+    )
+
+
+def made_effect(
+    title: str,
+    doc: str,
+    place: Place,
+    equations: Any,
+    parameters: Mapping[str, Parameter],
+    *needs: str,
+    **more: Any,
+) -> Effect:
+    """An effect made at run time; it stands in no file and in no catalogue.
+
+    Args:
+        title: CamelCase name.
+        doc: its docstring.
+        place: where it acts; what that place needs is added to the needs.
+        equations: as those of :class:`~piezo_opt.effects.base.Effect`.
+        parameters: by own name, the gate among them.
+        needs: what it requires of the model beside that.
+        more: further members of the class.
+    """
+    own = {Place.LOOP: ("loop",), Place.MOTION: ("motion",)}.get(place, ())
+    body = {
+        "__doc__": doc, "__module__": "made_at_run_time", "place": place,
+        "requires": (*own, *needs), "equations": equations, **parameters, **more,
+    }  # fmt: skip
+    kind: Any = dataclass(frozen=True)(type(title, (Effect,), body))
     made: Effect = kind()
     return made

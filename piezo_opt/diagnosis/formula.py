@@ -17,7 +17,7 @@ from typing import Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.diagnosis.trajectory import Quantity
+from piezo_opt.diagnosis.entering import Quantity
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
 from piezo_opt.errors import InputError
 from piezo_opt.symbolic import Expression, abs_, cos, sin, sqrt, tanh

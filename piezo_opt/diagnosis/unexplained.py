@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, final
 
-import numpy as np
-
-from piezo_opt.diagnosis.entering import Entering
-from piezo_opt.diagnosis.forces import LEVEL, SEEN, Dependence, Force, bar, forces
+from piezo_opt.diagnosis.entering import Entering, Quantity
+from piezo_opt.diagnosis.forces import Force, beyond, forces, level
 from piezo_opt.diagnosis.formula import Formula
 from piezo_opt.diagnosis.noise import NoiseFloor
 from piezo_opt.diagnosis.propose import propose
 from piezo_opt.diagnosis.structure import repetition
-from piezo_opt.diagnosis.trajectory import Quantity
 from piezo_opt.effects.base import Place
 from piezo_opt.identification import Fit
 
@@ -88,31 +85,19 @@ def unexplained(fit: Fit, noise: NoiseFloor, threads: int = 1) -> Unexplained | 
         threads: places that are asked at a time.
     """
     chain = Entering(fit)
-    r = chain.residual
-    if float(np.sqrt(r @ r / r.size)) <= bar(noise):
+    if beyond(chain.residual, noise) == 0.0:
         return None
     found = forces(fit, noise, entering=chain, threads=threads)
     first = found[0]
-    repeating = _repeating(chain, noise, found)
-    if repeating is not None and repeating.share > first.described:
-        return repeating
-    if first.described < SEEN:
+    # Functions of a signal have too few knots to follow what repeats along the position.
+    length = repetition(fit)
+    if length is not None:
+        wave = propose(chain, Place.OUTPUT, noise, length)
+        if wave is not None and wave.share > first.described:
+            along = Quantity.POSITION.value
+            return Unexplained(Place.OUTPUT, (Place.OUTPUT,), along, wave.share, wave, found)
+    places = level(found)
+    if not places:
         return Unexplained(first.place, (first.place,), None, first.described, None, found)
     formula = propose(chain, first.place, noise)
-    level = tuple(f.place for f in found if f.described >= first.described - LEVEL)
-    return Unexplained(first.place, level, str(first.against[0]), first.described, formula, found)
-
-
-def _repeating(chain: Entering, noise: NoiseFloor, found: tuple[Force, ...]) -> Unexplained | None:
-    """A correction of the output that repeats with the position; None where none does.
-
-    Functions of a signal that are asked everywhere have too few knots to follow it.
-    """
-    length = repetition(chain.fit)
-    if length is None:
-        return None
-    formula = propose(chain, Place.OUTPUT, noise, length)
-    if formula is None or formula.share < SEEN:
-        return None
-    position = str(Dependence(Quantity.POSITION, None, formula.share))
-    return Unexplained(Place.OUTPUT, (Place.OUTPUT,), position, formula.share, formula, found)
+    return Unexplained(first.place, places, str(first.against[0]), first.described, formula, found)

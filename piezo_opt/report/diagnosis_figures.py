@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from piezo_opt.diagnosis import Diagnosis, Quantity
 from piezo_opt.diagnosis.advice import Advice
-from piezo_opt.diagnosis.trajectory import trajectory
 from piezo_opt.pictures.picture import clock, prefixed
 from piezo_opt.report.style import (
     BLACK,
@@ -210,9 +209,8 @@ def correction(diagnosis: Diagnosis) -> Figure | None:
         axes[0].set_ylabel(labelled("correction", unit))
         axes[0].set_title(f"What the {force.place.value} lacks")
         if left.against is not None:
-            signals = trajectory(diagnosis.final)
-            quantity = Quantity(left.against)
-            of, values = signals.signals[quantity], np.concatenate(force.correction)
+            quantity = Quantity(left.against.split(",")[0])
+            of, values = np.concatenate(force.signals[quantity]), np.concatenate(force.correction)
             across, of_unit = prefixed(quantity.unit, of)
             axes[1].plot(
                 across * of,
@@ -234,7 +232,7 @@ def correction(diagnosis: Diagnosis) -> Figure | None:
                 markersize=4,
                 label="mean in each bin",
             )
-            axes[1].set_xlabel(labelled(left.against, of_unit))
+            axes[1].set_xlabel(labelled(quantity.value, of_unit))
             axes[1].set_title(f"Against {left.against}")
             axes[1].legend(loc="best")
         return made

@@ -74,9 +74,26 @@ class LoopWave(Effect):
         return Equations(gives=p.a * sin(chain.drive.value / 7.0) * chain.drive.rate)
 
 
+@final
+@dataclass(frozen=True)
+class InputWave(Effect):
+    """A ripple of the amplifier.
+
+    v = u + a sin(u / 4 V)
+    """
+
+    place = Place.INPUT
+    a = Parameter("V", "ripple", 0.0, null=0.0)
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        before = chain.incoming.value
+        return Equations(gives=before + p.a * sin(before / 4.0))
+
+
 HIDDEN: Final[Mapping[str, tuple[Effect, Mapping[str, float]]]] = {
     "drag": (Drag(), {"k": 2e4}),
     "drive wave": (DriveWave(), {"a": 2e-8}),
+    "input wave": (InputWave(), {"a": 0.25}),
     "loop wave": (LoopWave(), {"a": 8e-9}),
 }
 

@@ -13,12 +13,11 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis import Force, Quantity, correction_force, forces, unexplained
-from piezo_opt.diagnosis.entering import Entering, _channels, _probe
-from piezo_opt.diagnosis.forces import pieces
+from piezo_opt.diagnosis.entering import Entering, _channels, _probe, pieces
 from piezo_opt.diagnosis.structure import structure
-from piezo_opt.diagnosis.trajectory import initial_of, numbers_of
 from piezo_opt.effects import AmplifierLag, BoucWen, Delay, Offset, PiezoGain
 from piezo_opt.effects.base import Place
+from piezo_opt.identification.unknowns import theta_of, unknowns
 from piezo_opt.simulation import Simulator
 from tests.diagnosis.planted import FLOOR, entering, planted, swept
 from tests.diagnosis.plants import MOVING, NOISE, STILL, TRUTH, clock, fitted, measured
@@ -32,13 +31,24 @@ def by_place(found: tuple[Force, ...]) -> dict[Place, Force]:
     return {force.place: force for force in found}
 
 
+def initial_of(fit: po.Fit, record: po.Measurement) -> po.Initial:
+    periodic = fit.question.start_of(record) is po.Start.PERIODIC
+    return po.Initial.PERIODIC if periodic else po.Initial.REST
+
+
 def simulated(chain: Entering, place: Place, w: np.ndarray) -> np.ndarray:
     """The answer to w from the compiled core's own sensitivities."""
     fit, parts = chain.fit, []
+    unknown = unknowns(fit.question, fit.values)
+    theta = theta_of(unknown, fit.values)
     falling, rising = _channels(place)
-    for index, own in enumerate(chain.trajectory.split(w)):
+    for index, own in enumerate(chain.split(w)):
         record = fit.records[index]
-        values = {**numbers_of(fit)[index], "correction.at_start": 0.0, "correction.at_end": 0.0}
+        values = {
+            **unknown.of_record(index, theta),
+            "correction.at_start": 0.0,
+            "correction.at_end": 0.0,
+        }
         simulator = Simulator(
             fit.model + _probe(place),
             record.with_(channels={falling: own, rising: 0.0 * own}),
@@ -83,10 +93,10 @@ def test_answers_are_those_of_the_compiled_core_and_their_transpose(name: str) -
     # A model that is only compared moves what is linear by its exponential.
     assert chain.fit.accuracy[0].substeps.exact == (name == "compared")
     random = np.random.default_rng(0)
-    n = sum(chain.trajectory.lengths)
+    n = sum(chain.lengths)
     w = np.cumsum(random.normal(size=n))
     # Nothing before the start is moved by a correction: it begins at 0 in every record.
-    w = np.concatenate([part - part[0] for part in chain.trajectory.split(w)])
+    w = np.concatenate([part - part[0] for part in chain.split(w)])
     rows = random.normal(size=chain.residual.size)
     for place in chain.places:
         answer = chain.answers(place, w[:, None])[:, 0]
@@ -130,6 +140,7 @@ def test_a_periodic_start_that_follows_is_left_free() -> None:
     [
         ("drag", Place.MOTION, "x'", True),
         ("drive wave", Place.STRAIN, "v", True),
+        ("input wave", Place.INPUT, "v", False),
         # A loop forgets, so that to correct its rate always costs more than to correct its sum.
         ("loop wave", Place.LOOP, "v, times v'", False),
     ],
@@ -210,6 +221,16 @@ def test_an_input_that_nobody_recorded_is_a_function_of_nothing() -> None:
     assert "not recorded" in str(left)
 
 
+def test_a_single_event_is_a_function_of_nothing() -> None:
+    """Stretches without it do not predict it, whatever signal happened to be special then."""
+    t = clock(4000, 2000.0)
+    event = 60.0 * NOISE * np.exp(-(((t - 1.13) / 0.01) ** 2))
+    noise = event + NOISE * np.random.default_rng(7).normal(size=t.size)
+    left = unexplained(fitted(MOVING, measured(MOVING, t, swept(t), noise=noise)), FLOOR)
+    assert left is not None
+    assert left.against is None
+
+
 def test_what_repeats_with_the_position_is_a_wave_of_the_output() -> None:
     """Fringes are too fine for a function with a few knots; their period is found first."""
     t = clock(4000, 2000.0)
@@ -244,6 +265,15 @@ def test_strain_and_motion_are_told_to_be_twins() -> None:
     omega = planted("drag").values["second_order.omega"]
     ratio = found[Place.MOTION].rms / found[Place.STRAIN].rms
     assert ratio == pytest.approx(omega**2, rel=1e-3)
+
+
+def test_a_place_that_explains_less_is_no_twin() -> None:
+    """A ripple of the input goes through the loop and a ripple of the strain does not."""
+    left = unexplained(planted("input wave"), FLOOR)
+    assert left is not None
+    assert left.places == (Place.INPUT,)
+    strain = by_place(left.forces)[Place.STRAIN]
+    assert 0.9 < strain.described < left.share
 
 
 def test_a_place_that_the_model_lacks_is_refused() -> None:

@@ -18,6 +18,7 @@ from tests.diagnosis.plants import MOVING, NOISE, TRUTH
 PLANTED = (
     ("drag", Place.MOTION, "X'|X'|"),
     ("drive wave", Place.STRAIN, "sin(2 pi v/(31."),
+    ("input wave", Place.INPUT, "sin(2 pi v/(25."),
     ("loop wave", Place.LOOP, "sin(2 pi v/("),
 )
 
@@ -66,7 +67,7 @@ STEEP = (Shape.SIGN, Shape.ROOT, Shape.SIGNED_ROOT)
 def everything(place: Place) -> Formula:
     """A formula with every shape, of every signal that this place can read."""
     can = readable(entering("drag"), place)
-    signals = entering("drag").trajectory.signals
+    signals = entering("drag").signals
     terms = [
         Term((Factor(q, shape, scale_of(signals[q]) * (1.0 + 0.1 * k)),))
         for k, shape in enumerate(Shape)
@@ -93,7 +94,7 @@ def test_the_effect_is_what_the_numbers_say(place: Place) -> None:
         **po.Values.nominal(model), **chain.fit.values, "all_of_it.size": 0.0,
     }  # fmt: skip
     response = po.simulate(model, record, values, sensitivities=("all_of_it.size",))
-    signals = chain.trajectory.signals
+    signals = chain.signals
     first = formula.coefficients[0]
     w = sum(
         c / first * term.along(signals)

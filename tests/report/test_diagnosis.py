@@ -12,12 +12,13 @@ import pytest
 from matplotlib.figure import Figure
 
 import piezo_opt as po
-from piezo_opt.diagnosis import Diagnosis
+from piezo_opt.diagnosis import Diagnosis, unexplained
 from piezo_opt.diagnosis.structure import Structure
 from piezo_opt.diagnosis.told import Rival
 from piezo_opt.report import chapter, diagnosis_figures, figures, write_report
 from piezo_opt.report.page import Heading, Lead, Picture, Points, Table
 from problems import hidden_effect, thesis_diagnosis
+from tests.diagnosis.planted import FLOOR, planted
 
 
 @pytest.fixture(scope="module")
@@ -153,6 +154,20 @@ def test_what_is_unexplained_is_said_and_not_named(creeping: Diagnosis) -> None:
     assert "What no effect explains" not in [
         b.text for b in chapter(creeping) if isinstance(b, Heading)
     ]
+
+
+def test_a_correction_of_two_signals_is_drawn_against_the_one_it_is_a_function_of(
+    creeping: Diagnosis,
+) -> None:
+    left = unexplained(planted("loop wave"), FLOOR)
+    assert left is not None
+    assert left.against == "v, times v'"
+    made = diagnosis_figures.correction(dataclasses.replace(creeping, unexplained=left))
+    assert made is not None
+    assert made.axes[1].get_xlabel() == "v [V]"
+    (points, _) = made.axes[1].get_lines()
+    drive = planted("loop wave").records[0].drive
+    assert np.ptp(points.get_xdata()) == pytest.approx(np.ptp(drive), rel=1e-6)
 
 
 def test_other_laws_are_shown_where_they_were_compared(creeping: Diagnosis) -> None:
