@@ -21,25 +21,20 @@ from piezo_opt.diagnosis.told import Step
 from piezo_opt.effects.base import Effect, Parameter
 from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.identification import Fit, solve, with_statistics
-from piezo_opt.identification.shapes import resolving
+from piezo_opt.identification.unknowns import limits
 from piezo_opt.signals import Drive, best_between, usual
+from piezo_opt.signals.answer import Answer
 from piezo_opt.signals.between import SURE
-from piezo_opt.signals.drive import FloatArray
 from piezo_opt.signals.planning import resonance_of, room_of
-from piezo_opt.signals.rivals import Rival
-from piezo_opt.simulation import TOLERANCE, Initial, Simulator
+from piezo_opt.simulation import TOLERANCE
+from piezo_opt.simulation.accuracy import Accuracy
 from piezo_opt.stopping import Pool
 from piezo_opt.units import show
+from piezo_opt.values import Values
 
-_DRIVES: Final = 3
-"""Experiments that are advised at most for effects that the record could not show."""
-_LONGER: Final = 4.0
-"""Times the record's length that a drive lasts where its length is not enough: twice the sigmas of
-what keeps adding to them."""
-_MOST: Final = 8000
-"""Samples of a drive for a group: more would take longer than the search that named it."""
-_TRUTHS: Final = 6
-"""Models times values of each that are taken for true on a drive: three of each of two models."""
+MOST: Final = 8000
+"""Samples of a drive for a group that its own length does not split: more would take longer than
+the search that named the group."""
 
 
 @final
@@ -121,7 +116,7 @@ def experiments(
 def split(alternatives: Mapping[str, Fit], noise: float) -> Advice:
     """Which of the usual drives tells the effects of a group apart.
 
-    As long as the record, or four times that where it would not be sure, of 8000 samples at most.
+    As long as the record, or :data:`MOST` samples where that would not be sure.
 
     Args:
         alternatives: the fit with each effect of the group in place of the others.
@@ -133,17 +128,11 @@ def split(alternatives: Mapping[str, Fit], noise: float) -> Advice:
     """
     names = tuple(alternatives)
     fits = {name: converged(fit) for name, fit in alternatives.items()}
-    possible = max(1, _TRUTHS // len(names))
-    record, before = fits[names[0]].records[0], 0.0
-    for times in (1.0, _LONGER):
-        lasting = min(times * record.duration, _MOST * record.step) + record.step
-        if lasting > before:
-            told = best_between(
-                fits, noise=noise, duration=lasting, possible=possible, evaluations=0
-            )
-        if told.sigmas >= SURE:
-            break
-        before = lasting
+    record = fits[names[0]].records[0]
+    own, longest = record.duration + record.step, MOST * record.step
+    told = best_between(fits, noise=noise, duration=min(own, longest), evaluations=0)
+    if told.sigmas < SURE and own < longest:
+        told = best_between(fits, noise=noise, duration=longest, evaluations=0)
     left = [float(np.sum(np.square(fits[name].residuals))) for name in told.closest]
     here = float(np.sqrt(abs(left[0] - left[1]))) / noise
     return Advice(
@@ -152,7 +141,12 @@ def split(alternatives: Mapping[str, Fit], noise: float) -> Advice:
         sigmas=told.sigmas,
         here=here,
         detectable={},
-        assumed={n: _own(fit.values.of_record(0), n) for n, fit in fits.items()},
+        assumed={
+            name: {
+                own: fit.values.of_record(0)[f"{name}.{own}"] for own in fit.model[name].parameters
+            }
+            for name, fit in fits.items()
+        },
         sentence=_split_sentence(names, told.drive, told.sigmas, here),
     )
 
@@ -185,52 +179,54 @@ def reveal(
     """
     if not 0.0 < noise < np.inf:
         raise InputError(f"noise is {noise:g} m; give a positive length in metres.")
-    here = BasePoint(fit, sharp=True)
-    left: dict[str, tuple[_Typical, float]] = {}
-    for one in _typical(here, effects):
-        seen = _visible(here, one)
-        if seen is not None and seen / noise < SURE:
-            left[one.effect.name] = one, seen / noise
-    if not left:
+    own = {e: _typical(e, fit) for e in effects if e.gate and e.name not in fit.model}
+    here = _shown(fit, own, noise)
+    left = [effect for effect, far in here.items() if far < SURE]
+    hidden = {effect: own[effect] for effect in left}
+    if not hidden:
         return (), ()
     room = room_of(fit, duration=None, slew=np.inf, highest=0.0, low=None, high=None, rate=None)
-    everyone = [one for one, _ in left.values()]
 
-    def judged(drive: Drive) -> dict[str, float]:
-        return _shown(fit, drive, everyone, noise)
+    def judged(drive: Drive) -> dict[Effect, float]:
+        try:
+            seen = _shown(_played(fit, drive), hidden, noise)
+        except (PiezoOptError, ArithmeticError):
+            return {}
+        return {effect: far for effect, far in seen.items() if far >= SURE}
 
     drives = usual(room, resonance_of(fit))
     with Pool(max_workers=threads) as pool:
-        told = list(zip(drives, pool.map(judged, drives), strict=True))
+        told = list(pool.map(judged, drives))
     advices: list[Advice] = []
-    while left and len(advices) < _DRIVES:
+    while True:
+        told = [{e: far for e, far in seen.items() if e in left} for seen in told]
         # Among drives that show as many, the one whose faintest stands out most.
-        ranked = [
-            (sum(s >= SURE for s in seen), min((s for s in seen if s >= SURE), default=0.0))
-            for seen in ([sigmas.get(name, 0.0) for name in left] for _, sigmas in told)
+        drive, shown = max(
+            zip(drives, told, strict=True),
+            key=lambda one: (len(one[1]), min(one[1].values(), default=0.0)),
+        )
+        if not shown:
+            return tuple(advices), tuple(e.name for e in left)
+        left = [e for e in left if e not in shown]
+        least = {e.name: SURE * abs(_size(e)) / far for e, far in shown.items()}
+        sizes = [
+            f"{e.name} from {e.gate} = {show(least[e.name], e.parameters[e.gate or ''].unit)}"
+            for e in shown
         ]
-        best = max(range(len(told)), key=lambda k: ranked[k])
-        count, faint = ranked[best]
-        if count == 0:
-            break
-        drive, sigmas = told[best]
-        shown = {n: one for n, one in left.items() if sigmas.get(n, 0.0) >= SURE}
-        detectable = {n: SURE * abs(one.size) / sigmas[n] for n, (one, _) in shown.items()}
         advices.append(
             Advice(
-                group=tuple(shown),
+                group=tuple(least),
                 drive=drive,
-                sigmas=faint,
-                here=max(now for _, now in shown.values()),
-                detectable=detectable,
-                assumed={n: one.assumed for n, (one, _) in shown.items()},
-                sentence=_reveal_sentence(
-                    drive, [one.effect for one, _ in shown.values()], detectable
+                sigmas=min(shown.values()),
+                here=max(here[e] for e in shown),
+                detectable=least,
+                assumed={e.name: own[e] for e in shown},
+                sentence=(
+                    f"This record could not show {_listed(tuple(least))} of a usual size. Play "
+                    f"{drive.description}, which would ({'; '.join(sizes)})."
                 ),
             )
         )
-        left = {n: one for n, one in left.items() if n not in shown}
-    return tuple(advices), tuple(left)
 
 
 def write_drives(
@@ -250,132 +246,76 @@ def write_drives(
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such directory: make it first")
     chosen = {folder / f"{one.drive.name}.csv": one.drive for one in experiments}
-    for file in chosen:
-        if file.exists() and not overwrite:
-            raise InputError(
-                f"{file}: exists already: choose another directory or pass overwrite=True"
-            )
+    there = next((file for file in chosen if file.exists() and not overwrite), None)
+    if there is not None:
+        raise InputError(f"{there}: exists already: choose another directory or overwrite=True")
     for file, drive in chosen.items():
         drive.write(file, overwrite=overwrite)
     return tuple(chosen)
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Typical:
-    """An absent effect of a usual size.
+def _played(fit: Fit, drive: Drive) -> Fit:
+    """The fit as if its model had read the drive without noise, beginning wherever it was."""
+    answer = Answer(fit, drive.rate)
+    substeps = answer.settle(drive.values, TOLERANCE)
+    reading = answer.reading(drive.values)
+    question = replace(answer.question, records=answer.record(drive.values, reading))
+    return replace(
+        fit, question=question, names=answer.names, readings=(reading,), at_bound=(),
+        values=Values({**dict.fromkeys(answer.names, 0.0), **answer.numbers}),
+        accuracy=(Accuracy(substeps, 0.0, 1.0),),
+    )  # fmt: skip
 
-    Attributes:
-        effect: the effect.
-        shapes: own shapes: the point of its grid nearest to the middle of their typical ranges.
-        size: of its gate, from null.
+
+def _shown(
+    fit: Fit, typical: Mapping[Effect, Mapping[str, float]], noise: float
+) -> dict[Effect, float]:
+    """By how many sigmas effects of typical own parameters would stand out on a fit's records.
+
+    What the fitted parameters explain is left out, to first order in the size, since it is
+    detectable sizes that are asked for. Of an effect in several forms the first that can be asked.
     """
-
-    effect: Effect
-    shapes: Mapping[str, float]
-    size: float
-
-    @property
-    def assumed(self) -> dict[str, float]:
-        """Own parameters by name, the gate among them."""
-        gate = self.effect.gate or ""
-        return {**self.shapes, gate: (self.effect.parameters[gate].null or 0.0) + self.size}
-
-
-def _typical(point: BasePoint, effects: Sequence[Effect]) -> list[_Typical]:
-    """Effects that the model can take; variants of one name stand for each other."""
-    channels = tuple(point.question.campaign.records[0].channels)
-    found: dict[str, _Typical] = {}
-    for effect in effects:
-        taken = effect.name in point.question.model or effect.name in found
-        if taken or point.question.model.refusal(effect, channels) is not None:
+    # As sharp as the fit: what it imitates exactly cancels exactly.
+    point = BasePoint(fit, sharp=True)
+    found: dict[Effect, float] = {}
+    for effect, own in typical.items():
+        known = any(effect.name == other.name for other in found)
+        if known or fit.model.refusal(effect, tuple(fit.records[0].channels)) is not None:
             continue
-        try:
-            grid = point.grid(effect)
-        except Exception:
-            # A user's effect may raise whatever it likes; the scores have reported it.
-            continue
-
-        def distance(shapes: Mapping[str, float], effect: Effect = effect) -> float:
-            return sum(_steps(effect.parameters[name], value) for name, value in shapes.items())
-
-        gate = effect.parameters[effect.gate or ""]
-        size = _middle(gate) - (gate.null or 0.0)
-        found[effect.name] = _Typical(effect, min(grid, key=distance), size or gate.scale)
-    return list(found.values())
+        shapes = {name: value for name, value in own.items() if name != effect.gate}
+        # A user's effect may raise whatever it likes; the scores have reported it.
+        with suppress(Exception):
+            for d in point.directions(effect, [shapes]):
+                part = float(np.linalg.norm(d.projected))
+                gone = part <= 1e-7 * np.linalg.norm(d.whole)
+                found[effect] = 0.0 if gone else abs(_size(effect)) * part / noise
+    return found
 
 
-def _steps(parameter: Parameter, value: float) -> float:
-    """How far a value is from the middle of the typical range, in factors of e or in scales."""
-    middle = _middle(parameter)
-    if min(value, middle) <= 0.0:
-        return abs(middle - value) / parameter.scale
-    return abs(float(np.log(value / middle)))
+def _typical(effect: Effect, fit: Fit) -> dict[str, float]:
+    """Own parameters of an absent effect: its gate, and its shapes within what records can show."""
+    shapes = {
+        name: _middle(p, *limits(p, fit.records))
+        for name, p in effect.parameters.items() if name != effect.gate and not p.fixed
+    }  # fmt: skip
+    gate = effect.gate or ""
+    return {**shapes, gate: (effect.parameters[gate].null or 0.0) + _size(effect)}
 
 
-def _middle(parameter: Parameter) -> float:
-    """The middle of the typical range: geometric where it has one sign, else half its end."""
-    low, high = parameter.typical or (parameter.nominal, parameter.nominal)
+def _size(effect: Effect) -> float:
+    """Usual size of an effect's gate, from null."""
+    gate = effect.parameters[effect.gate or ""]
+    return _middle(gate, *gate.bounds) - (gate.null or 0.0) or gate.scale
+
+
+def _middle(parameter: Parameter, least: float, most: float) -> float:
+    """The middle of the typical range within limits: geometric where it has one sign, else half its
+    larger end."""
+    typical = parameter.typical or (parameter.nominal, parameter.nominal)
+    low, high = (float(np.clip(end, least, most)) for end in typical)
     if low * high > 0.0:
         return float(np.sign(low) * np.sqrt(low * high))
     return 0.5 * max(low, high, key=abs)
-
-
-def _visible(point: BasePoint, one: _Typical) -> float | None:
-    """What is left of an effect after the base parameters have explained their share [m]."""
-    try:
-        found = list(point.directions(one.effect, [one.shapes]))
-    except Exception:
-        # A user's effect may raise whatever it likes; the scores have reported it.
-        return None
-    if not found or np.linalg.norm(found[0].projected) <= 1e-7 * np.linalg.norm(found[0].whole):
-        return 0.0 if found else None
-    return abs(one.size) * float(np.linalg.norm(found[0].projected))
-
-
-def _shown(fit: Fit, drive: Drive, effects: Sequence[_Typical], noise: float) -> dict[str, float]:
-    """By how many sigmas each effect would stand out on a drive, the fit refitted without it.
-
-    To first order in its size, since it is detectable sizes that are asked for.
-    """
-    rival = Rival(fit, drive.rate, tied=False)
-    answer = rival.answer
-    try:
-        substeps = answer.settle(drive.values, TOLERANCE)
-        plain = answer.reading(drive.values)
-    except (PiezoOptError, ArithmeticError):
-        return {}
-    readings: dict[str, FloatArray] = {}
-    for one in effects:
-        model = fit.model + one.effect
-        name = model.names[-1]
-        gate = f"{name}.{one.effect.gate}"
-        # A user's effect may raise whatever it likes; the scores have reported it.
-        with suppress(Exception):
-            nominal = {f"{name}.{k}": p.nominal for k, p in one.effect.parameters.items()}
-            own = {f"{name}.{k}": v for k, v in one.assumed.items()}
-            numbers = {**nominal, **answer.numbers, **own, gate: own[gate] - one.size}
-            longest, farthest = resolving(one.effect, one.shapes)
-            simulator = Simulator(
-                model, answer.record(drive.values), numbers, directions=(gate,),
-                initial=Initial.REST, runtime=fit.question.free,
-                # On the fit's own sub-steps what the fit imitates exactly cancels exactly.
-                substeps=replace(
-                    substeps, longest=min(substeps.longest, longest), farthest=farthest
-                ),
-            )  # fmt: skip
-            _, slope = simulator.with_sensitivities(numbers)
-            if np.isfinite(slope).all():
-                readings[one.effect.name] = plain + one.size * slope[:, 0]
-    if not readings:
-        return {}
-    far = rival.distances(drive.values, list(readings.values()), noise, steps=1) or ()
-    return dict(zip(readings, far, strict=False))
-
-
-def _own(values: Mapping[str, float], name: str) -> dict[str, float]:
-    """Own parameters of an effect by name."""
-    return {k.removeprefix(f"{name}."): v for k, v in values.items() if k.startswith(f"{name}.")}
 
 
 def _split_sentence(names: Sequence[str], drive: Drive, sigmas: float, now: float) -> str:
@@ -390,20 +330,6 @@ def _split_sentence(names: Sequence[str], drive: Drive, sigmas: float, now: floa
     return (
         f"Play {drive.description}: it separates {_listed(names)} by {_number(sigmas)} "
         f"sigmas{least}; this record separates them by {_number(now)}.{faint}"
-    )
-
-
-def _reveal_sentence(
-    drive: Drive, effects: Sequence[Effect], detectable: Mapping[str, float]
-) -> str:
-    """What a drive would show that the fitted records hid, and from which size [SI] on."""
-    sizes = [
-        f"{e.name} from {e.gate} = "
-        f"{show(detectable[e.name], e.parameters[e.gate or ''].unit)}" for e in effects
-    ]  # fmt: skip
-    return (
-        f"This record could not show {_listed([e.name for e in effects])} of a usual size. Play "
-        f"{drive.description}, which would ({'; '.join(sizes)})."
     )
 
 
