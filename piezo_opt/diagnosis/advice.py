@@ -16,8 +16,8 @@ from typing import Any, Final, final
 import numpy as np
 
 from piezo_opt.diagnosis.base_point import BasePoint
-from piezo_opt.diagnosis.scores import effective_samples
 from piezo_opt.diagnosis.told import Step
+from piezo_opt.diagnosis.variance import effective_samples
 from piezo_opt.effects.base import Effect, Parameter
 from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.identification import Fit, solve, with_statistics

@@ -1,10 +1,11 @@
-"""The colour of the noise: a linear prediction that turns it white, taken once for all rivals.
+"""The colour of the noise: a linear prediction that turns it white; and whether it does.
 
     e_t = r_t - a_1 r_(t-1) - ... - a_p r_(t-p)
 
 Errors of rivals are compared after this filter, because samples of correlated noise do not count
 one each. It is estimated from what the closest fit leaves (:mod:`book`), so that what a model lacks
-is not taken for the noise's colour.
+is not taken for the noise's colour. What is white has its power spread evenly over time and over
+frequency (:func:`crowded`).
 
 Source: Brockwell & Davis (1991), Time Series, 2nd ed., ch. 5 (Levinson, Durbin) and 9 (order).
 """
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import Final, final
 
 import numpy as np
 import scipy
@@ -25,6 +26,11 @@ _MOST = 8
 """Highest order: rounding and a sensor's filter take two each, what is slower is no colour."""
 _FEWEST = 50
 """Samples a coefficient: below it their errors are beyond a seventh."""
+LEVEL: Final = 1e-3
+"""Level of every test of noise, corrected for what it looks at: of a hundred records at most one
+may be told wrongly, and a diagnosis asks three tests of the fits of a few sets."""
+TWICE = 2.0
+"""Mean power beyond which a stretch holds as much beside the noise as the noise itself."""
 
 
 @final
@@ -46,10 +52,10 @@ class Colour:
         return Colour((), tuple(lengths))
 
     @staticmethod
-    def of(residual: FloatArray, lengths: Sequence[int]) -> Colour:
-        """The filter of the order that BIC wants for a residual (M,) over records."""
+    def of(residual: FloatArray, lengths: Sequence[int], most: int = _MOST) -> Colour:
+        """The filter of the order that BIC wants, ``most`` at most, for a residual (M,)."""
         parts = np.split(residual, np.cumsum(lengths)[:-1])
-        most = min(_MOST, residual.size // _FEWEST)
+        most = min(most, residual.size // _FEWEST)
         products = np.zeros(most + 1)
         for part in parts:
             for lag in range(min(most, part.size - 1) + 1):
@@ -83,3 +89,35 @@ class Colour:
             for lag, a in enumerate(self.coefficients, 1):
                 filtered[order:] -= a * part[order - lag : part.shape[0] - lag]
         return done
+
+    def density(self, samples: int) -> FloatArray:
+        """Power of the noise over that of e, at the frequencies k / N, 0 < k < N / 2."""
+        polynomial = np.array([1.0, *(-a for a in self.coefficients)])
+        transfer = np.fft.rfft(polynomial, samples)[1 : (samples + 1) // 2]
+        return np.asarray(1.0 / np.abs(transfer) ** 2)
+
+
+def crowded(power: FloatArray, freedom: int) -> NDArray[np.bool_]:
+    """Where (n,) powers of white noise would not be as they are: in stretches that hold too much.
+
+    The share of L of n powers, each chi-squared with f degrees of freedom, has the distribution
+    Beta(L f / 2, (n - L) f / 2). Asked are all stretches of 1, 2, 4, ... powers side by side, 2 n
+    in all; what is found holds twice the mean as well.
+
+    Args:
+        power: squares over time, or a periodogram.
+        freedom: of each: 1 of a square, 2 of an ordinate.
+
+    Source: Fisher (1929), Proc. Royal Society A 125, 54-59, asks the largest ordinate alone.
+    """
+    n, total = power.size, float(power.sum())
+    found = np.zeros(n, dtype=np.bool_)
+    sums, size = power, 1
+    while sums.size > 1 and total > 0.0:
+        others = np.clip(1.0 - sums / total, 0.0, 1.0)
+        p = scipy.special.betainc(0.5 * freedom * (n - size), 0.5 * freedom * size, others)
+        over = (p * 2 * n < LEVEL) & (sums * n > TWICE * size * total)
+        found[: over.size * size] |= np.repeat(over, size)
+        sums = sums[: sums.size // 2 * 2].reshape(-1, 2).sum(axis=1)
+        size *= 2
+    return found

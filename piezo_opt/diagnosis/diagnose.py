@@ -17,12 +17,18 @@ from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import WORTH
 from piezo_opt.diagnosis.judge import Judge, worded
 from piezo_opt.diagnosis.members import law
-from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
+from piezo_opt.diagnosis.noise import (
+    NoiseFloor,
+    Structure,
+    exceeds,
+    is_noise,
+    noise_floor,
+    structure,
+)
 from piezo_opt.diagnosis.points import Point, points
 from piezo_opt.diagnosis.scores import Suspect, Unscored, at_foot, by_name, scored
 from piezo_opt.diagnosis.search import Effort, search
 from piezo_opt.diagnosis.sketch import sketched
-from piezo_opt.diagnosis.structure import Structure, exceeds, is_noise, structure
 from piezo_opt.diagnosis.told import Rival, Step, Told, in_words, told
 from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
 from piezo_opt.effects.base import Effect

@@ -2,48 +2,74 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.base_point import BasePoint
-from piezo_opt.diagnosis.scores import chance
+from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.identification import Fit
-from piezo_opt.measurement import Measurement
 
 FloatArray = NDArray[np.float64]
 
 _PLAYS = (0.1, 0.3, 0.6)
 """Widths over the drive's range: a loop of another shape leaves what such memories give."""
-_TELLING = 0.03
-"""Power that a function of the drive must explain, over the floor's: mechanics that nobody sees
-leave less, and slow noise that hides from the floor makes the residual look larger than it is."""
+_GONE = 1e-6
+"""Share of a column, or of its square, below which other columns have explained it away: far more
+than rounding leaves of it, far less than a record would show."""
 
 
-def follows_drive(fit: Fit, point: BasePoint, floor: float) -> tuple[float, str]:
-    """Smallest corrected p-value over generic functions of the drive, and the function's name."""
-    parts: dict[str, list[FloatArray]] = {}
-    for index, record in enumerate(fit.records):
-        for label, column in _library(record, fit.readings[index]).items():
-            parts.setdefault(label, []).append(column[record.counted])
-    least, named = 1.0, ""
-    for label, columns in parts.items():
-        column = point.project(np.concatenate(columns))
-        if _share(column, point.residual) * fit.rms**2 < _TELLING * floor**2:
-            continue
-        p = chance(column, point.residual, dense=True) * len(parts)
-        if p < least:
-            least, named = p, label
-    return least, named
+def follows_drive(fit: Fit, point: BasePoint) -> tuple[float, str, FloatArray]:
+    """Whether generic functions of the drive explain a residual r (M,) together.
+
+    With the functions F beside the fitted parameters, both after the filter of the noise,
+
+        W = s' (sum_t z_t z_t')^-1 s,    z_t = F_t r_t,    s = sum_t z_t
+
+    is chi-squared with as many degrees as functions where r is noise, which may be larger here and
+    smaller there.
+
+    Returns:
+        its p-value, the name of the function that correlates most, and what F leaves of r.
+
+    Source: Wooldridge (1991), J. Econometrics 47, 5-46 (score test robust to uneven variance).
+    """
+    library = [_library(fit, index) for index in range(len(fit.records))]
+    names, r = list(library[0]), point.residual
+    columns = np.column_stack([np.concatenate([part[n] for part in library]) for n in names])
+    whole = np.linalg.norm(columns, axis=0)
+    columns -= point.basis @ (point.basis.T @ columns)
+    sizes = np.linalg.norm(columns, axis=0)
+    seen = np.flatnonzero(sizes > _GONE * whole)
+    columns = columns[:, seen] / sizes[seen]
+    rest = r - columns @ (_inverse(columns.T @ columns) @ (columns.T @ r))
+    colour = Colour.of(r, point.colour.lengths, 1)
+    basis, _ = np.linalg.qr(colour.whitened(point.basis))
+    columns, white = colour.whitened(columns), colour.whitened(r)
+    columns = columns - basis @ (basis.T @ columns)
+    white = white - basis @ (basis.T @ white)
+    cosines = np.abs(white @ columns) / np.linalg.norm(columns, axis=0)
+    terms = columns * white[:, None]
+    sizes = np.linalg.norm(terms, axis=0)
+    if not sizes.all() or not sizes.size:
+        return 1.0, "", r
+    terms /= sizes
+    side, inverse = terms.sum(axis=0), _inverse(terms.T @ terms)
+    degrees = np.linalg.matrix_rank(inverse, hermitian=True)
+    p_value = float(scipy.special.chdtrc(degrees, side @ inverse @ side))
+    return p_value, names[seen[np.argmax(cosines)]], rest
 
 
-def _share(column: FloatArray, r: FloatArray) -> float:
-    """Share of a residual's sum of squares that a column explains."""
-    power = float(column @ column) * float(r @ r)
-    return float(column @ r) ** 2 / power if power > 0.0 else 0.0
+def _inverse(gram: FloatArray) -> FloatArray:
+    """Of the products of columns of length one, without what others explain of them."""
+    return np.asarray(np.linalg.pinv(gram, rcond=_GONE, hermitian=True))
 
 
-def _library(record: Measurement, reading: FloatArray) -> dict[str, FloatArray]:
+def _library(fit: Fit, index: int) -> Mapping[str, FloatArray]:
     """Generic functions of drive, its rate, the position and the time since a reversal."""
+    record, reading = fit.records[index], fit.readings[index]
     t = record.time
     v = (record.drive - record.drive.mean()) / (float(np.ptp(record.drive)) or 1.0)
     rate = np.gradient(v, t)
@@ -59,7 +85,7 @@ def _library(record: Measurement, reading: FloatArray) -> dict[str, FloatArray]:
         f"the drive through a play of {share:.0%} of its range": play(v, 0.5 * share)
         for share in _PLAYS
     }
-    return {
+    functions = {
         **plays,
         "the drive's square": v**2,
         "the drive's cube": v**3,
@@ -76,6 +102,7 @@ def _library(record: Measurement, reading: FloatArray) -> dict[str, FloatArray]:
         "the time since the last reversal, by branch": settle * way,
         "the time": t - t.mean(),
     }
+    return {name: function[record.counted] for name, function in functions.items()}
 
 
 def play(v: FloatArray, half: float) -> FloatArray:

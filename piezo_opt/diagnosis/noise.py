@@ -1,30 +1,40 @@
-"""The noise floor: what no model can explain, from periods, or from the record itself."""
+"""The noise floor, what no model can explain; and what is above it.
+
+One test asks whether what is left of a fit is noise. Noise follows no function of the drive
+(:mod:`following`), and after a filter of the first order its power is spread evenly over frequency
+and over time (:mod:`colour`). What is left beside all that follows the drive is the floor where it
+is noise, and structure is what makes the error larger than that.
+"""
 
 from __future__ import annotations
 
+import math
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.colour import LEVEL, TWICE, Colour, crowded
+from piezo_opt.diagnosis.evidence import WORTH
 from piezo_opt.diagnosis.following import follows_drive
-from piezo_opt.diagnosis.slow_noise import correlation
+from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit
+from piezo_opt.identification.periodic import period
 from piezo_opt.measurement import Measurement
-from piezo_opt.measurement.spectra import density, frequencies
 from piezo_opt.units import show
 
 FloatArray = NDArray[np.float64]
 
-REMEMBERED: Final = 8
+_REMEMBERED: Final = 8
 """Fits of which the rules that ask in turn are answered once."""
-_ABOVE = 1.1
-"""Residual over the level at the highest frequencies up to which that is the floor."""
-_BY_CHANCE = 0.01
-"""Corrected p-value above which what is left does not follow the drive."""
+_SLOWEST = 0.92
+"""Correlation from sample to sample beyond which noise would be as slow as what it hides: a sample
+of 24 carries news."""
 
 
 @final
@@ -35,8 +45,8 @@ class NoiseFloor:
     Attributes:
         rms: estimate [m].
         low, high: 95 % range [m].
-        measured: whether it comes from repetitions (else from the residual: from the record's
-            highest frequencies, a lower bound, unless all of it is first-order noise).
+        measured: whether it comes from repetitions (else from the residual: a lower bound, unless
+            all of it is noise).
         sentence: the same in words.
     """
 
@@ -47,67 +57,107 @@ class NoiseFloor:
     sentence: str
 
 
-@lru_cache(maxsize=REMEMBERED)
+@final
+@dataclass(frozen=True)
+class Structure:
+    """Signs of structure in a residual.
+
+    Attributes:
+        left: whether there is structure beyond noise.
+        clues: sentences, one for each sign.
+        only_elsewhere: whether all of them are about another record than the fitted one.
+    """
+
+    left: bool
+    clues: tuple[str, ...]
+    only_elsewhere: bool = False
+
+
+@final
+@dataclass(frozen=True)
+class _Left:
+    """What a fit leaves; if that follows the drive, what is left beside functions of it.
+
+    Attributes:
+        p_value: chance of following the drive as much by noise alone.
+        followed: the function of the drive that correlates most.
+        rms: [m].
+        correlation: from sample to sample, of a noise of first order.
+        slow: whether that is surely larger than it may be.
+        lines, bursts: shares of its power that stand out of that noise's spectrum, and in time.
+        burst: the largest of those, in words.
+        top: mean power at the upper third of the frequencies, between bursts, over that at all.
+        news: samples of white noise whose power is known as well.
+    """
+
+    p_value: float
+    followed: str
+    rms: float
+    correlation: float
+    slow: bool
+    lines: float
+    bursts: float
+    burst: str
+    top: float
+    news: float
+
+    def is_noise(self, least: float) -> bool:
+        """Whether less stands out than an effect of the least worth beside noise."""
+        share = least**2 / (1.0 + least**2)
+        return max(self.lines, self.bursts) < share and not self.slow
+
+
+@lru_cache(maxsize=_REMEMBERED)
 def noise_floor(fit: Fit) -> NoiseFloor:
     """Noise of the reading over the records of a fit.
 
     From the differences between periods where every record has at least two; from those of the
     residual where every drive plays the same again (what the model explains of a reading that still
-    settles is no noise; the first repetition is left out where there are three). Otherwise from the
-    spectrum of the residual in the upper third of the frequencies, taken as the level of white
-    noise, and never below what rounding alone leaves (step / sqrt(12)). A residual whose whole
-    spectrum is that of first-order noise (see :mod:`slow_noise`), and which does not follow the
-    drive, is the floor itself.
+    settles is no noise; the first repetition is left out where there are three). Otherwise what is
+    left beside functions of the drive, if that is noise; if not, white noise at the level of its
+    upper third of frequencies, and never less than what rounding alone leaves (step / sqrt(12)).
+    The range is that of a chi-squared variance.
 
     Source: Pintelon & Schoukens (2012), System Identification, 2nd ed., sec. 2.5.
     """
     records = fit.records
-    if all(r.periods >= 2 for r in records):
-        values = [r.noise_from_periods() for r in records]
-        rms = float(np.sqrt(np.mean(np.square(values))))
-        dof = sum((r.periods - 1) * len(r) / max(1, r.periods) for r in records)
-        spread = 1.96 / np.sqrt(2.0 * max(1.0, dof))
-        return NoiseFloor(
-            rms,
-            rms * (1.0 - min(0.9, spread)),
-            rms * (1.0 + spread),
-            True,
-            f"The noise floor is {show(rms, 'm')} rms, from the differences between periods.",
-        )
-    repeated = [_repeated(fit.residual(i), r) for i, r in enumerate(records)]
-    measured = [r for r in repeated if r is not None]
-    if len(measured) == len(records):
-        return _measured(measured)
-    power, count, rounding = 0.0, 0.0, 0.0
-    samples = 0
-    for index, record in enumerate(records):
-        level, bins = _high_frequency(fit.residual(index), record)
-        n = int(record.counted.sum())
-        power += n * level
-        count += bins
-        samples += n
-        step = record.resolution
-        rounding += n * (step**2 / 12.0 if step is not None else 0.0)
-    rms = float(np.sqrt(max(power, rounding) / samples))
-    slow = correlations(fit) if fit.rms > _ABOVE * rms else None
-    if slow is not None and follows_drive(fit, BasePoint(fit), fit.rms)[0] > _BY_CHANCE:
-        return _slow(fit, slow)
-    spread = 1.96 / np.sqrt(2.0 * max(2.0, count))
-    rounded = rounding > power
-    sentence = (
-        f"The noise floor is {show(rms, 'm')} rms, "
-        + (
-            "what the rounding of the reading alone leaves"
-            if rounded
-            else "from the highest frequencies of the record; slower noise would come on top"
-        )
-        + ". Repeat the drive at least twice to measure it."
+    repeated = [_repetitions(fit.residual(index), record) for index, record in enumerate(records)]
+    parts = [part for part in repeated if part is not None]
+    if len(parts) == len(records):
+        freedom = sum((p.shape[0] - 1) * p.shape[1] for p in parts)
+        squares = sum(float(np.sum((p - p.mean(axis=0)) ** 2)) for p in parts)
+        times = " and ".join(str(p.shape[0]) for p in parts)
+        told = f"from what differs between {times} repetitions of the drive"
+        return _floor(math.sqrt(squares / freedom), freedom, told, measured=True)
+    left, samples = _left(fit), fit.residuals.size
+    steps = sum(int(r.counted.sum()) * (r.resolution or 0.0) ** 2 for r in records)
+    rounding = math.sqrt(steps / 12.0 / samples)
+    if left.is_noise(WORTH) and left.rms > rounding:
+        told = "all that is left" if left.p_value >= LEVEL else "what does not follow the drive"
+        white = f"noise correlated from sample to sample by {left.correlation:.2f}"
+        told += f" looks like {white if left.correlation else 'white noise'}"
+        return _floor(left.rms, left.news, told)
+    rms = left.rms * math.sqrt(left.top)
+    if rms > rounding:
+        told = "from the highest frequencies of the record; slower noise would come on top"
+    else:
+        rms, told = rounding, "what the rounding of the reading alone leaves"
+    return _floor(rms, samples / 3.0, told)
+
+
+def _floor(rms: float, freedom: float, told: str, *, measured: bool = False) -> NoiseFloor:
+    low, high = (
+        rms * math.sqrt(freedom / scipy.special.chdtri(freedom, tail)) for tail in (0.025, 0.975)
     )
-    return NoiseFloor(rms, rms * (1.0 - min(0.9, spread)), rms * (1.0 + spread), False, sentence)
+    repeat = "" if measured else " Repeat the drive at least twice to measure it."
+    sentence = f"The noise floor is {show(rms, 'm')} rms, {told}.{repeat}"
+    return NoiseFloor(rms, low, high, measured, sentence)
 
 
-def _repeated(residual: FloatArray, record: Measurement) -> FloatArray | None:
-    """(repetitions, samples of one) of a residual whose drive plays the same again; else None."""
+def _repetitions(residual: FloatArray, record: Measurement) -> FloatArray | None:
+    """(repetitions, samples of one) of a record whose drive plays the same again; else None."""
+    if record.periods >= 2:
+        return record.repeated_periods()
     samples = record.repetition
     if samples is None or residual.size < 2 * samples:
         return None
@@ -116,60 +166,121 @@ def _repeated(residual: FloatArray, record: Measurement) -> FloatArray | None:
     return parts[1:] if whole > 2 else parts
 
 
-def _measured(parts: list[FloatArray]) -> NoiseFloor:
-    """The floor from what differs between repetitions of the drive."""
-    freedom = sum((p.shape[0] - 1) * p.shape[1] for p in parts)
-    squares = sum(float(np.sum((p - p.mean(axis=0)) ** 2)) for p in parts)
-    rms = float(np.sqrt(squares / freedom))
-    spread = min(0.9, 1.96 / np.sqrt(2.0 * freedom))
-    times = " and ".join(str(p.shape[0]) for p in parts)
-    return NoiseFloor(
-        rms, rms * (1.0 - spread), rms * (1.0 + spread), True,
-        f"The noise floor is {show(rms, 'm')} rms, from what differs between {times} repetitions "
-        "of the drive.",
+@lru_cache(maxsize=_REMEMBERED)
+def _left(fit: Fit) -> _Left:
+    lengths = [int(record.counted.sum()) for record in fit.records]
+    weight = np.sqrt(np.repeat(fit.question.weights or (1.0,) * len(lengths), lengths))
+    r, p_value, followed = weight * fit.residuals, 1.0, ""
+    with suppress(*NO_FIT):  # at the edge of stability a fit cannot be simulated again
+        point = BasePoint(fit)
+        p_value, followed, rest = follows_drive(fit, point)
+        r = rest if p_value < LEVEL else point.residual
+    colour = Colour.of(r, lengths, 1)
+    lines, bursts, burst, top = 0.0, 0.0, "", 0.0
+    ends = np.cumsum(lengths)[:-1]
+    for part, white in zip(np.split(r, ends), np.split(colour.whitened(r), ends), strict=True):
+        density = colour.density(part.size)
+        power = np.square(np.abs(np.fft.rfft(white)[1 : density.size + 1]))
+        found = crowded(power, 2)
+        coloured, even = power * density, np.ones(part.size)
+        own = _beyond(power, even[: power.size], found)
+        lines = max(lines, own, _beyond(coloured, density, found))
+        high = coloured[2 * power.size // 3 :][~found[2 * power.size // 3 :]]
+        white, power = np.square(white), np.square(part)
+        found = crowded(white, 1)
+        top += float(power[~found].sum() * high.mean() / coloured.mean())
+        share = max(_beyond(white, even, found), _beyond(power, even, found))
+        if share > bursts:
+            bursts, burst = share, _burst(power, found)
+    density, rho = colour.density(r.size), sum(colour.coefficients)
+    deviation = math.sqrt(max(0.0, 1.0 - rho**2) / r.size)
+    return _Left(
+        p_value, followed, rms=float(np.sqrt(np.mean((r / weight) ** 2))),
+        correlation=rho, slow=rho - 1.96 * deviation > _SLOWEST,
+        lines=lines, bursts=bursts, burst=burst, top=top / max(float(r @ r), np.finfo(float).tiny),
+        news=r.size * float(density.mean() ** 2 / np.mean(density**2)),
     )  # fmt: skip
 
 
-def correlations(fit: Fit) -> list[float] | None:
-    """Correlations from sample to sample where all residuals are first-order noise; else None."""
-    if not all(record.uniform for record in fit.records):
-        return None
-    found = [
-        correlation(fit.residual(index), rounded=record.resolution is not None)
-        for index, record in enumerate(fit.records)
-    ]
-    sure = [rho for rho in found if rho is not None]
-    return sure if len(sure) == len(found) else None
+def _beyond(power: FloatArray, shape: FloatArray, found: NDArray[np.bool_]) -> float:
+    """Share of all power that, where it was found, is more than is usual elsewhere."""
+    if not found.any():
+        return 0.0
+    usual = shape * float(np.mean((power / shape)[~found]))
+    return float(np.sum((power - usual)[found]) / power.sum())
 
 
-def _slow(fit: Fit, correlations: list[float]) -> NoiseFloor:
-    """The floor of a fit that leaves first-order noise and nothing else."""
-    # Squares of first-order noise are correlated by rho^2.
-    independent = sum(
-        fit.residual(index).size * (1.0 - rho**2) / (1.0 + rho**2)
-        for index, rho in enumerate(correlations)
+def _burst(power: FloatArray, found: NDArray[np.bool_]) -> str:
+    """The stretch that holds most beyond twice the usual power, and how large it is there."""
+    usual = float(power[~found].mean())
+    total = np.cumsum(power - TWICE * usual)
+    end = int(np.argmax(total - np.minimum.accumulate(total)))
+    begin = int(np.argmin(total[: end + 1]))
+    times = math.sqrt(float(power[begin + 1 : end + 1].mean()) / usual)
+    return (
+        f"between {100 * begin / power.size:.0f} and {100 * end / power.size:.0f} % of the record "
+        f"it is {times:.1f} times its usual size"
     )
-    spread = min(0.9, 1.96 / np.sqrt(2.0 * max(2.0, independent)))
-    shown = " and ".join(f"{rho:.2f}" for rho in correlations)
-    return NoiseFloor(
-        fit.rms, fit.rms * (1.0 - spread), fit.rms * (1.0 + spread), False,
-        f"The noise floor is {show(fit.rms, 'm')} rms: all that is left looks like noise "
-        f"correlated from sample to sample by {shown}. Repeat the drive at least twice to "
-        "measure it.",
-    )  # fmt: skip
 
 
-def _high_frequency(residual: FloatArray, record: Measurement) -> tuple[float, float]:
-    """Variance of white noise at the level of the upper third of the spectrum, and its bins."""
-    n = residual.size
-    if n < 64 or not record.uniform:
-        # Second differences forget everything that is smooth from sample to sample.
-        second = np.diff(residual, 2)
-        mad = float(np.median(np.abs(second - np.median(second))))
-        return (1.4826 * mad) ** 2 / 6.0, n / 3.0
-    length = min(n, max(64, n // 8))
-    top = density(residual, rate=1.0, length=length)[frequencies(length, 1.0) > 1.0 / 3.0]
-    # The median of a spectrum averaged over few segments lies below its mean.
-    segments = max(1.0, 2.0 * n / length - 1.0)
-    bias = (1.0 - 1.0 / (9.0 * segments)) ** 3
-    return float(np.median(top)) / bias * 0.5, top.size * segments / 2.0
+@lru_cache(maxsize=_REMEMBERED)
+def structure(fit: Fit, noise: NoiseFloor, least: float = WORTH) -> Structure:
+    """What noise does not do: exceed the floor, follow the drive, repeat with the position, stand
+    out of its spectrum, come in bursts.
+
+    Args:
+        fit: the fit.
+        noise: the floor.
+        least: the least worth of an effect; an error less than that above the floor bears no word.
+    """
+    if not fit.rms > math.hypot(1.0, least) * noise.rms:
+        return Structure(False, ())
+    left, clues = _left(fit), []
+    size, floor = show(fit.rms, "m"), show(noise.rms, "m")
+    if noise.measured and exceeds(fit.rms, noise, least):
+        clues.append(f"The residual ({size}) is above the measured noise ({floor}).")
+    if left.p_value < LEVEL:
+        clues.append(f"The residual follows the drive: it correlates with {left.followed}.")
+    length = repetition(fit)
+    if length is not None:
+        clues.append(
+            f"The residual repeats with the position, every {show(length, 'm')}: a periodic "
+            "error of the sensor (an interferometer's fringes, an encoder's lines)."
+        )
+    if left.bursts * (1.0 + least**2) >= least**2:
+        clues.append(f"The residual comes in bursts: {left.burst}.")
+    if not noise.measured and not left.is_noise(least):
+        clues.append(
+            f"The residual ({size}) is {fit.rms / noise.rms:.2g} times the floor at the record's "
+            f"highest frequencies ({floor}) and has no spectrum of noise: something that was not "
+            "recorded, or very slow noise."
+        )
+    return Structure(bool(clues), tuple(clues))
+
+
+def repetition(fit: Fit) -> float | None:
+    """Period [m] with which a fit's residual repeats along the reading; None where it does not."""
+    found = (
+        period(fit.readings[index][record.counted], fit.residual(index))
+        for index, record in enumerate(fit.records)
+    )
+    return next((length for length in found if length is not None), None)
+
+
+def exceeds(rms: float, floor: NoiseFloor, least: float) -> bool:
+    """Whether an error is larger than the floor and an effect of the least worth beside it.
+
+    Args:
+        rms: the error [m].
+        floor: of the noise; its upper 97.5 % limit is asked.
+        least: the least that an effect must explain (see
+            :func:`~piezo_opt.diagnosis.evidence.worth`): with squares S of the noise, an effect
+            just worth a name leaves (1 + least^2) S.
+    """
+    return rms > math.hypot(1.0, least) * floor.high
+
+
+def is_noise(fit: Fit, least: float) -> bool:
+    """Whether nothing is left that could bear a name: no more than noise, and no structure."""
+    floor = noise_floor(fit)
+    return not exceeds(fit.rms, floor, least) and not structure(fit, floor, least).left

@@ -12,8 +12,7 @@ estimated, Student's t judges sqrt(W). The best over a grid of shapes is taken a
 multiplied by the number of distinguishable shapes and of effects looked at.
 
 Sources: Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57 (score test); Davies (1987), Biometrika
-74(1), 33-43 (a parameter present only under the alternative); Newey & West (1987), Econometrica
-55(3), 703-708.
+74(1), 33-43 (a parameter present only under the alternative).
 """
 
 from __future__ import annotations
@@ -25,12 +24,12 @@ from itertools import combinations
 from typing import final
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.base_point import BasePoint, Direction
 from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.richer import on_mechanics, on_spring
+from piezo_opt.diagnosis.variance import chance
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.errors import NO_FIT, PiezoOptError
 from piezo_opt.identification import Fit
@@ -215,114 +214,6 @@ def _best(effect: Effect, point: BasePoint, directions: Iterable[Direction]) -> 
     if top is None:
         return hidden
     return replace(top, chance=chance(top.unit, r), looks=len(seen))
-
-
-def wald(column: FloatArray, r: FloatArray, *, dense: bool = False) -> float:
-    """Squared score over its variance, about chi-squared with one degree when absent.
-
-    The variance is taken from what is left after the column has explained its share, so that a
-    true effect does not hide behind itself. Three estimates see different things, and the largest
-    is taken: a score must not look surer than under any of them.
-
-        sigma^2 S'S                     white noise
-        sum_k w_k gamma_k S'_t S_(t+k)  stationary noise of autocovariance gamma, any column
-        Newey and West's                noise that is larger where the column is
-
-    with flat-top weights w over the residual's memory (Politis & Romano 1995, J. Time Series
-    Analysis 16(1), 67-103) and Bartlett's. Newey and West's rests on few products where a column
-    is large at few samples, as after steps; for one that is ``dense`` it is enough, and it does
-    not take the misfit of a model for stationary noise.
-    """
-    power = float(column @ column)
-    if power == 0.0:
-        return 0.0
-    along = float(column @ r)
-    left = r - column * (along / power)
-    return _wald(column, left, along, memory(left), dense=dense)
-
-
-def _wald(column: FloatArray, left: FloatArray, along: float, lags: int, *, dense: bool) -> float:
-    """The same of a column whose share has been taken from the residual."""
-    power = float(column @ column)
-    terms = column * left
-    white = float(np.mean(left**2)) * power
-    own = terms.size * long_run_variance(terms, lags)
-    if dense:
-        return along**2 / max(white, own, 1e-300)
-    weights = 2.0 * np.minimum(1.0, 2.0 * (1.0 - np.arange(lags + 1) / (lags + 1.0)))
-    weights[0] = 1.0
-    gamma = _lagged(left, lags) / left.size
-    stationary = float(np.sum(weights * gamma * _lagged(column, lags)))
-    return along**2 / max(white, own, stationary, 1e-300)
-
-
-def chance(column: FloatArray, r: FloatArray, *, dense: bool = False) -> float:
-    """Probability of so large a score by noise alone, for one column looked at.
-
-    Student's t instead of chi-squared: a variance estimated over L lags of N samples is as
-    uncertain as one from about 3 N / L independent ones.
-
-    Source: Kiefer & Vogelsang (2005), Econometric Theory 21(6), 1130-1164 (such variances are not
-    consistent, and normal tails are too thin); Priestley (1981), Spectral Analysis and Time
-    Series, sec. 6.2 (equivalent degrees of freedom).
-    """
-    power = float(column @ column)
-    if power == 0.0:
-        return 1.0
-    along = float(column @ r)
-    left = r - column * (along / power)
-    lags = memory(left)
-    degrees = max(1.0, 3.0 * r.size / (lags + 1.0))
-    score = np.sqrt(_wald(column, left, along, lags, dense=dense))
-    return float(2.0 * scipy.special.stdtr(degrees, -score))
-
-
-def _lagged(x: FloatArray, lags: int) -> FloatArray:
-    """sum_t x_t x_(t+k) for k = 0..lags < N."""
-    # Zeros behind it keep so many lags from meeting its beginning.
-    size = scipy.fft.next_fast_len(x.size + lags, real=True)
-    spectrum = scipy.fft.rfft(x, size)
-    power = spectrum.real**2 + spectrum.imag**2
-    return np.asarray(scipy.fft.irfft(power, size)[: lags + 1])
-
-
-def long_run_variance(terms: FloatArray, lags: int | None = None) -> float:
-    """Newey and West's variance of sqrt(N) times the mean of correlated terms."""
-    n = terms.size
-    lags = memory(terms) if lags is None else min(lags, n // 4)
-    products = _lagged(terms, lags)
-    fading = 1.0 - np.arange(1, lags + 1) / (lags + 1.0)
-    total = float(products[0] + 2.0 * fading @ products[1:])
-    return max(total, 0.1 * float(terms @ terms)) / n
-
-
-def memory(r: FloatArray) -> int:
-    """Lags that matter for a long-run variance: twice the fall of the autocorrelation."""
-    return _memory(autocorrelation(r), r.size)
-
-
-def _memory(rho: FloatArray, samples: int) -> int:
-    if rho.size == 0:
-        return 0
-    below = np.flatnonzero(rho < 2.0 / np.sqrt(samples))
-    first = int(below[0]) if below.size else rho.size
-    return min(2 * first, 400)
-
-
-def autocorrelation(r: FloatArray) -> FloatArray:
-    """Autocorrelation at lags 0, 1, ... up to a quarter of the length."""
-    n = r.size
-    if n < 8:
-        return np.zeros(0)
-    rho = _lagged(r - r.mean(), n // 4 - 1)
-    return np.asarray(rho / rho[0]) if rho[0] > 0 else np.zeros(0)
-
-
-def effective_samples(r: FloatArray) -> float:
-    """Independent samples that carry as much as N correlated ones, N / (1 + 2 sum rho)."""
-    rho = autocorrelation(r)
-    told = rho[1 : 1 + _memory(rho, r.size) // 2]
-    return r.size / max(1.0, 1.0 + 2.0 * float(told.sum()))
 
 
 def _where(error: Exception, effect: Effect) -> str:

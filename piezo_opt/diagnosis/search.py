@@ -23,8 +23,8 @@ from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import worth
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.moves import adds, details, imitations, laws, less, pairs, still
+from piezo_opt.diagnosis.noise import is_noise
 from piezo_opt.diagnosis.scores import Suspect, Unscored, scored
-from piezo_opt.diagnosis.structure import is_noise
 from piezo_opt.effects.base import Effect
 from piezo_opt.identification import Fit
 from piezo_opt.stopping import TimeLimit

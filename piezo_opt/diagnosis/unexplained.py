@@ -8,9 +8,8 @@ from typing import Any, final
 from piezo_opt.diagnosis.entering import Entering, Quantity
 from piezo_opt.diagnosis.forces import Force, beyond, forces, level
 from piezo_opt.diagnosis.formula import Formula
-from piezo_opt.diagnosis.noise import NoiseFloor
+from piezo_opt.diagnosis.noise import NoiseFloor, repetition
 from piezo_opt.diagnosis.propose import propose
-from piezo_opt.diagnosis.structure import repetition
 from piezo_opt.effects.base import Place
 from piezo_opt.identification import Fit
 

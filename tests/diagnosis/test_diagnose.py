@@ -14,7 +14,7 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis import Diagnosis, diagnose
-from piezo_opt.diagnosis.structure import Structure
+from piezo_opt.diagnosis.noise import Structure
 from piezo_opt.diagnosis.told import Rival
 from piezo_opt.effects import (
     BoucWen,

@@ -14,7 +14,7 @@ import pytest
 import piezo_opt as po
 from piezo_opt.diagnosis import Force, Quantity, correction_force, forces, unexplained
 from piezo_opt.diagnosis.entering import Entering, _channels, _probe, pieces
-from piezo_opt.diagnosis.structure import structure
+from piezo_opt.diagnosis.noise import structure
 from piezo_opt.effects import AmplifierLag, BoucWen, Delay, Offset, PiezoGain
 from piezo_opt.effects.base import Place
 from piezo_opt.identification.unknowns import theta_of, unknowns

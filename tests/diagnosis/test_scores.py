@@ -12,14 +12,8 @@ from scipy import signal
 
 import piezo_opt as po
 from piezo_opt.diagnosis.base_point import BasePoint
-from piezo_opt.diagnosis.scores import (
-    Suspect,
-    by_name,
-    effective_samples,
-    long_run_variance,
-    score,
-    wald,
-)
+from piezo_opt.diagnosis.scores import Suspect, by_name, score
+from piezo_opt.diagnosis.variance import effective_samples, long_run_variance, memory, wald
 from piezo_opt.effects import (
     AmplifierLag,
     Asymmetry,
@@ -162,7 +156,7 @@ def test_memory_of_autoregressive_noise() -> None:
     runs = [autoregressive(seed, 4000, 0.8) for seed in range(20)]
     assert np.mean([effective_samples(r) for r in runs]) == pytest.approx(4000 / 9.0, rel=0.2)
     wanted = (NOISE * np.sqrt(1 - 0.8**2) / (1 - 0.8)) ** 2
-    found = np.mean([long_run_variance(r) for r in runs])
+    found = np.mean([long_run_variance(r, memory(r)) for r in runs])
     assert found == pytest.approx(wanted, rel=0.25)
     white = np.random.default_rng(0).normal(size=4000)
     assert effective_samples(white) > 3700

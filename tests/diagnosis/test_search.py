@@ -13,8 +13,7 @@ import pytest
 import piezo_opt as po
 from piezo_opt.diagnosis import Diagnosis, diagnose
 from piezo_opt.diagnosis.members import Members
-from piezo_opt.diagnosis.noise import noise_floor
-from piezo_opt.diagnosis.structure import is_noise
+from piezo_opt.diagnosis.noise import is_noise, noise_floor
 from piezo_opt.effects import (
     Creep,
     CubicStiffness,

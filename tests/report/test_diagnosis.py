@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 import piezo_opt as po
 from piezo_opt.diagnosis import Diagnosis, unexplained
-from piezo_opt.diagnosis.structure import Structure
+from piezo_opt.diagnosis.noise import Structure
 from piezo_opt.diagnosis.told import Rival
 from piezo_opt.report import chapter, diagnosis_figures, figures, write_report
 from piezo_opt.report.page import Heading, Lead, Picture, Points, Table
