@@ -42,6 +42,7 @@ import scipy
 from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.entering import Entering, Quantity
+from piezo_opt.diagnosis.evidence import WORTH
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.effects.base import Place
 from piezo_opt.errors import InputError
@@ -187,8 +188,10 @@ def forces(
     floor = noise_floor(fit) if noise is None else noise
     with Pool(max_workers=threads) as pool:
         told = list(pool.map(lambda p: _described(chain, p, floor, (None,)), chain.places))
-        # Where a function of one signal explains all, to one standard error, none of two is asked.
-        if not any(d.share + d.error >= 1.0 for each in told for d in each):
+        # Where a function of one signal leaves nothing that could bear a name, no second is asked.
+        left = 1.0 - max((d.share for each in told for d in each), default=1.0)
+        noise_alone = chain.residual.size * floor.rms**2
+        if left * beyond(chain.residual, floor) > WORTH**2 * noise_alone:
             more = pool.map(lambda p: _described(chain, p, floor, RATES), chain.places)
             told = [each + products for each, products in zip(told, more, strict=True)]
         found = list(pool.map(lambda p, own: _force(chain, p, floor, own), chain.places, told))
@@ -294,8 +297,7 @@ def _described(
         if same or missing or beyond(r, noise) == 0.0:
             continue
         parts = hats if rate is None else hats * chain.signals[rate][:, None]
-        whole = chain.answers(place, parts)
-        columns = chain.project(whole / lengths(whole))
+        columns, _ = answers(chain, place, parts)
         found.append(Dependence(quantity, rate, *share_of(r, left_out(columns, r), noise)))
     return tuple(found)
 
@@ -311,10 +313,16 @@ def _simplest_first(found: Sequence[Dependence]) -> tuple[Dependence, ...]:
     return tuple(sorted(found, key=key))
 
 
-def lengths(whole: FloatArray) -> FloatArray:
-    """Lengths (q,) by which columns (M, q) are scaled, before the fitted parameters take their
-    share: what they explain away must stay small."""
-    return np.asarray(np.maximum(np.linalg.norm(whole, axis=0), np.finfo(float).tiny))
+def answers(
+    chain: Entering, place: Place, corrections: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """What the fitted parameters leave of answers to corrections (N, q), and their lengths (q,).
+
+    They are of length one before, so that what is explained away stays small.
+    """
+    whole = chain.answers(place, corrections)
+    lengths = np.maximum(np.linalg.norm(whole, axis=0), np.finfo(float).tiny)
+    return chain.project(whole / lengths), lengths
 
 
 def left_out(columns: FloatArray, r: FloatArray) -> FloatArray:

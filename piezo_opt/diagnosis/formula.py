@@ -12,23 +12,24 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
+from math import pi, prod
+from types import SimpleNamespace
 from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from piezo_opt.diagnosis.entering import Quantity
+from piezo_opt.diagnosis.entering import Quantity, made_effect
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
 from piezo_opt.errors import InputError
-from piezo_opt.symbolic import Expression, abs_, cos, sin, sqrt, tanh
+from piezo_opt.symbolic import Expression, cos, sin, sqrt, tanh
 from piezo_opt.units import show
 
 FloatArray = NDArray[np.float64]
 
-_CORNER: Final = 1e-3
-"""Signal over its scale below which roots are rounded: their slope is infinite at 0."""
-_STEEP: Final = 50.0
-"""Steepness of a sign, likewise."""
+_CORNER: Final = 0.01
+"""Signal over its scale at which a sign is rounded, and the value of a root at 0: a solver needs a
+slope there, and of a signal spread evenly over its scale one sample in a hundred is as near."""
 
 
 class Shape(Enum):
@@ -50,49 +51,35 @@ class Shape(Enum):
         """Whether the scale is a wavelength over 2 pi, to be estimated."""
         return self in (Shape.SINE, Shape.COSINE)
 
-    def numbers(self, q: FloatArray) -> FloatArray:
-        """Values on numbers."""
-        return np.asarray(_write(self, q, _NUMBERS), dtype=float)
+    def of(self, q: Any, words: Any) -> Any:
+        """Its value.
 
-    def symbols(self, q: Expression) -> Expression:
-        """The same as an expression."""
-        return _write(self, q, _SYMBOLS)
-
-
-@final
-@dataclass(frozen=True)
-class _Words:
-    absolute: Callable[[Any], Any]
-    root: Callable[[Any], Any]
-    sine: Callable[[Any], Any]
-    cosine: Callable[[Any], Any]
-    soft: Callable[[Any], Any]
+        Args:
+            q: numbers (N,), or an expression.
+            words: where its functions are: numpy, or those of ``piezo_opt.symbolic``.
+        """
+        return _LAWS[self](q, words)
 
 
-_NUMBERS: Final = _Words(np.abs, np.sqrt, np.sin, np.cos, np.tanh)
-_SYMBOLS: Final = _Words(abs_, sqrt, sin, cos, tanh)
+_SYMBOLIC: Final = SimpleNamespace(sqrt=sqrt, tanh=tanh, sin=sin, cos=cos)
 
 
-def _write(shape: Shape, q: Any, words: _Words) -> Any:
-    if shape is Shape.LINEAR:
-        return q
-    if shape is Shape.SQUARE:
-        return q * q
-    if shape is Shape.CUBE:
-        return q * q * q
-    if shape is Shape.SIZE:
-        return words.absolute(q)
-    if shape is Shape.SIGN:
-        return words.soft(_STEEP * q)
-    if shape is Shape.SIGNED_SQUARE:
-        return q * words.absolute(q)
-    if shape is Shape.SINE:
-        return words.sine(q)
-    if shape is Shape.COSINE:
-        return words.cosine(q)
-    # (q^2 + corner^2)^(1/4) is the root of |q| with its corner rounded.
-    root = words.root(words.root(q * q + _CORNER**2))
-    return root if shape is Shape.ROOT else q / root
+def _root(q: Any, words: Any) -> Any:
+    return words.sqrt(words.sqrt(q * q + _CORNER**4))
+
+
+_LAWS: Final[Mapping[Shape, Callable[[Any, Any], Any]]] = {
+    Shape.LINEAR: lambda q, _: q,
+    Shape.SQUARE: lambda q, _: q * q,
+    Shape.CUBE: lambda q, _: q * q * q,
+    Shape.SIZE: lambda q, _: abs(q),
+    Shape.SIGN: lambda q, words: words.tanh(q / _CORNER),
+    Shape.SIGNED_SQUARE: lambda q, _: q * abs(q),
+    Shape.ROOT: _root,
+    Shape.SIGNED_ROOT: lambda q, words: q / _root(q, words),
+    Shape.SINE: lambda q, words: words.sin(q),
+    Shape.COSINE: lambda q, words: words.cos(q),
+}
 
 
 @final
@@ -106,14 +93,9 @@ class Factor:
 
     def __str__(self) -> str:
         if self.shape.is_wave:
-            length = show(2.0 * np.pi * self.scale, self.quantity.unit)
-            return f"{self.shape.name.lower()[:3]}(2 pi {self.quantity.value}/({length}))"
-        return self.shape.value.format(self.letter)
-
-    @property
-    def letter(self) -> str:
-        """Sign of the signal over its scale."""
-        return self.quantity.value.upper()
+            length = show(2.0 * pi * self.scale, self.quantity.unit)
+            return self.shape.value.format(f"2 pi {self.quantity.value}/({length})")
+        return self.shape.value.format(self.quantity.value.upper())
 
 
 @final
@@ -127,17 +109,14 @@ class Term:
         return " ".join(str(f) for f in self.factors)
 
     @property
-    def unknowns(self) -> int:
-        """Numbers that the term costs."""
-        return 1 + sum(f.shape.is_wave for f in self.factors)
+    def wave(self) -> Factor | None:
+        """The factor whose scale is to be estimated; one at most."""
+        return next((f for f in self.factors if f.shape.is_wave), None)
 
     def along(self, signals: Mapping[Quantity, FloatArray]) -> FloatArray:
         """Values (N,) along a trajectory."""
-        first = next(iter(signals.values()))
-        value = np.ones_like(first)
-        for factor in self.factors:
-            value = value * factor.shape.numbers(signals[factor.quantity] / factor.scale)
-        return value
+        values = (f.shape.of(signals[f.quantity] / f.scale, np) for f in self.factors)
+        return np.asarray(prod(values), dtype=float)
 
 
 @final
@@ -150,7 +129,7 @@ class Formula:
         terms: what it is made of.
         coefficients: of each term, in the place's unit.
         share: of what the noise does not explain, the part it explains, 0..1.
-        rivals: other first terms that explain as much to within 2 %.
+        rivals: other first terms that explain as much to within a standard error.
     """
 
     place: Place
@@ -160,24 +139,21 @@ class Formula:
     rivals: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        parts = []
-        for k, (c, term) in enumerate(zip(self.coefficients, self.terms, strict=True)):
-            sign = "-" if c < 0 else ("+" if k else "")
-            parts.append(f"{sign} {abs(c):.3g} {term}".strip())
-        scaled = dict.fromkeys(
-            f"{f.letter} = {f.quantity.value}/({show(f.scale, f.quantity.unit)})"
-            for term in self.terms
-            for f in term.factors
-            if not f.shape.is_wave
+        sums = "".join(
+            f" {'-' if c < 0 else '+'} {abs(c):.3g} {term}"
+            for c, term in zip(self.coefficients, self.terms, strict=True)
         )
-        where = f", {', '.join(scaled)}" if scaled else ""
-        return f"w [{self.place.unit}] = {' '.join(parts)}{where}"
+        scaled = dict.fromkeys(
+            f", {f.quantity.value.upper()} = {f.quantity.value}/({show(f.scale, f.quantity.unit)})"
+            for term in self.terms for f in term.factors if not f.shape.is_wave
+        )  # fmt: skip
+        return f"w [{self.place.unit}] = {sums.removeprefix(' + ').strip()}{''.join(scaled)}"
 
     def as_effect(self, name: str = "suspect") -> Effect:
         """The formula as an effect, to be added to a model: ``model + formula.as_effect()``.
 
         The gate ``size`` is the first coefficient (null 0); further terms keep their ratio to it
-        in free parameters, wavelengths are free, scales are fixed.
+        in free parameters, wavelengths are free, scales are constants.
 
         Args:
             name: snake_case name of the effect.
@@ -192,68 +168,45 @@ class Formula:
 
 @lru_cache(maxsize=64)
 def _effect(formula: Formula, name: str) -> Effect:
-    keys = _keys(formula)
+    size = formula.coefficients[0]
+    parameters = {"size": _near(formula.place.unit, "size of the first term", size, 3.0, null=0.0)}
+    for k, c in enumerate(formula.coefficients[1:], start=2):
+        parameters[f"ratio_{k}"] = _near("1", f"term {k} over the first", c / size, 3.0)
+    lengths: list[str | None] = []
+    for wave in (term.wave for term in formula.terms):
+        key = None if wave is None else f"length_{wave.quantity.name.lower()}"
+        if wave is not None and key is not None:
+            number = 1 + sum(one.startswith(key) for one in parameters)
+            key += f"_{number}" * (number > 1)
+            bounds = 0.5 * wave.scale, 2.0 * wave.scale
+            parameters[key] = _near(
+                wave.quantity.unit, "wavelength over 2 pi", wave.scale, 1.1, bounds=bounds
+            )
+        lengths.append(key)
 
     def equations(_: Effect, chain: Chain, __: Any, p: Any) -> Equations:
-        total: Expression = 0.0
-        for k, term in enumerate(formula.terms):
-            value: Expression = p.size if k == 0 else p.size * getattr(p, f"ratio_{k + 1}")
+        total: Expression = chain.incoming.value if formula.place.is_line else 0.0
+        for k, (term, length) in enumerate(zip(formula.terms, lengths, strict=True), start=1):
+            value = p.size if k == 1 else p.size * getattr(p, f"ratio_{k}")
             for factor in term.factors:
-                scaled = _read(chain, formula.place, factor.quantity) / getattr(
-                    p, keys[_scale_of(factor)]
-                )
-                value = value * factor.shape.symbols(scaled)
+                scale = getattr(p, str(length)) if factor.shape.is_wave else factor.scale
+                signal = _read(chain, formula.place, factor.quantity)
+                value = value * factor.shape.of(signal / scale, _SYMBOLIC)
             total = total + value
-        before = chain.incoming.value if formula.place.is_line else 0.0
-        return Equations(gives=before + total)
+        return Equations(gives=total)
 
-    size = formula.coefficients[0]
-    body: dict[str, Any] = {
-        "__doc__": f"Proposed by the correction force.\n\n    {formula}\n",
-        "__module__": "made_at_run_time",  # it stands in no file and in no catalogue
-        "__reduce__": lambda _: (_effect, (formula, name)),
-        "place": formula.place,
-        "requires": {Place.LOOP: ("loop",), Place.MOTION: ("motion",)}.get(formula.place, ()),
-        "equations": equations,
-        "size": Parameter(
-            formula.place.unit, "size of the first term", nominal=size,
-            typical=(0.3 * size, 3.0 * size) if size > 0 else (3.0 * size, 0.3 * size), null=0.0,
-        ),
-    }  # fmt: skip
-    for k, c in enumerate(formula.coefficients[1:], start=2):
-        ratio = c / size
-        body[f"ratio_{k}"] = Parameter(
-            "1", f"term {k} over the first", nominal=ratio,
-            typical=(min(0.3 * ratio, 3.0 * ratio), max(0.3 * ratio, 3.0 * ratio)),
-        )  # fmt: skip
-    for factor in (f for term in formula.terms for f in term.factors):
-        wave, scale = factor.shape.is_wave, factor.scale
-        body[keys[_scale_of(factor)]] = Parameter(
-            factor.quantity.unit,
-            "wavelength over 2 pi" if wave else f"scale of {factor.quantity.value}",
-            nominal=scale, bounds=(0.5 * scale, 2.0 * scale) if wave else (1e-30, 1e30),
-            typical=(0.9 * scale, 1.1 * scale) if wave else None, fixed=not wave,
-        )  # fmt: skip
-    title = "".join(part.capitalize() for part in name.split("_"))
-    kind: Any = dataclass(frozen=True)(type(title, (Effect,), body))
-    made: Effect = kind()
-    return made
+    return made_effect(
+        "".join(part.capitalize() for part in name.split("_")),
+        f"Proposed by the correction force.\n\n    {formula}\n",
+        formula.place, equations, parameters,
+        __reduce__=lambda _: (_effect, (formula, name)),
+    )  # fmt: skip
 
 
-def _scale_of(factor: Factor) -> tuple[Quantity, bool, float]:
-    return factor.quantity, factor.shape.is_wave, factor.scale
-
-
-def _keys(formula: Formula) -> dict[tuple[Quantity, bool, float], str]:
-    """A name for the parameter of each different scale: ``scale_drive``, ``length_position_2``."""
-    keys: dict[tuple[Quantity, bool, float], str] = {}
-    for scale in (_scale_of(f) for term in formula.terms for f in term.factors):
-        if scale not in keys:
-            quantity, wave, _ = scale
-            stem = f"{'length' if wave else 'scale'}_{quantity.name.lower()}"
-            taken = sum(name.startswith(stem) for name in keys.values())
-            keys[scale] = stem if not taken else f"{stem}_{taken + 1}"
-    return keys
+def _near(unit: str, meaning: str, value: float, factor: float, **more: Any) -> Parameter:
+    """A parameter that is looked for within a factor of its value."""
+    low, high = sorted((value / factor, value * factor))
+    return Parameter(unit, meaning, nominal=value, typical=(low, high), **more)
 
 
 def _read(chain: Chain, place: Place, quantity: Quantity) -> Expression:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations, permutations, product
 from typing import Final, final
 
 import numpy as np
@@ -28,14 +29,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.entering import PIECES, Entering, Quantity, assembles
 from piezo_opt.diagnosis.evidence import WORTH
-from piezo_opt.diagnosis.forces import (
-    DAMPING,
-    RATES,
-    beyond,
-    left_out,
-    lengths,
-    share_of,
-)
+from piezo_opt.diagnosis.forces import DAMPING, RATES, answers, beyond, left_out, share_of
 from piezo_opt.diagnosis.formula import Factor, Formula, Shape, Term
 from piezo_opt.diagnosis.noise import NoiseFloor
 from piezo_opt.effects.base import Place
@@ -58,21 +52,12 @@ def propose(
         period: of a wave along the position [m] that is known, and offered beside the usual ones.
     """
     signals = {q: chain.signals[q] for q in readable(chain, place)}
+    columns = _Columns(chain, place, signals)
     terms = library(signals)
     if period is not None and Quantity.POSITION in signals:
         terms += waves_of(Quantity.POSITION, period / (2.0 * np.pi), signals)
-    columns = _Columns(chain, place, signals)
     columns.offer(terms)
-    chosen, share, error = columns.select(noise)
-    if not chosen:
-        return None
-    return Formula(
-        place,
-        tuple(columns.terms[k] for k in chosen),
-        columns.coefficients(chosen),
-        share,
-        columns.rivals(chosen, error * beyond(chain.residual, noise)),
-    )
+    return columns.selected(noise)
 
 
 def readable(chain: Entering, place: Place) -> tuple[Quantity, ...]:
@@ -95,21 +80,22 @@ def library(signals: Mapping[Quantity, FloatArray]) -> list[Term]:
     From one wave over the signal's span to as many as a function of that many knots could show
     (``entering.PIECES``), in steps of half a wave: any between is within a quarter of one of them.
     """
-    plain = [s for s in Shape if not s.is_wave]
-    terms = [Term((Factor(q, s, scale_of(along)),)) for q, along in signals.items() for s in plain]
-    order = list(signals)
-    for q in order:
-        for other in order:
-            inner = Factor(other, Shape.LINEAR, scale_of(signals[other]))
-            for shape in (Shape.LINEAR, Shape.SIZE, Shape.SQUARE, Shape.SIGN):
-                # The product of two linear factors has no order.
-                again = shape is Shape.LINEAR and order.index(q) > order.index(other)
-                if other is not q and not again:
-                    terms.append(Term((Factor(q, shape, scale_of(signals[q])), inner)))
+
+    def of(shape: Shape, q: Quantity) -> Factor:
+        return Factor(q, shape, scale_of(signals[q]))
+
+    plain = [shape for shape in Shape if not shape.is_wave]
+    terms = [Term((of(shape, q),)) for q, shape in product(signals, plain)]
+    # The product of two linear factors has no order.
+    bent = product((Shape.SIZE, Shape.SQUARE, Shape.SIGN), permutations(signals, 2))
+    linear = product((Shape.LINEAR,), combinations(signals, 2))
+    terms += [
+        Term((of(shape, q), of(Shape.LINEAR, other))) for shape, (q, other) in (*linear, *bent)
+    ]
     for q in (Quantity.DRIVE, Quantity.POSITION):
         if q in signals:
-            for waves in np.arange(1.0, PIECES / 2 + 0.5, 0.5):
-                terms += waves_of(q, float(np.ptp(signals[q]) / (2.0 * np.pi * waves)), signals)
+            scales = np.ptp(signals[q]) / (np.pi * np.arange(2, PIECES + 1))
+            terms += [term for scale in scales.tolist() for term in waves_of(q, scale, signals)]
     return terms
 
 
@@ -118,12 +104,11 @@ def waves_of(
 ) -> list[Term]:
     """Sine and cosine of a signal, alone and times its rate: a gain or damping along the travel."""
     rate = RATES[0] if quantity is Quantity.DRIVE else RATES[1]
-    terms = []
-    for shape in (Shape.SINE, Shape.COSINE):
-        wave = Factor(quantity, shape, scale)
-        terms.append(Term((wave,)))
-        if rate in signals:
-            terms.append(Term((wave, Factor(rate, Shape.LINEAR, scale_of(signals[rate])))))
+    waves = [Factor(quantity, shape, scale) for shape in (Shape.SINE, Shape.COSINE)]
+    terms = [Term((wave,)) for wave in waves]
+    if rate in signals:
+        times = Factor(rate, Shape.LINEAR, scale_of(signals[rate]))
+        terms += [Term((wave, times)) for wave in waves]
     return terms
 
 
@@ -139,63 +124,33 @@ class _Columns:
     def __init__(
         self, chain: Entering, place: Place, signals: Mapping[Quantity, FloatArray]
     ) -> None:
-        self.terms: list[Term] = []
         self._chain, self._place, self._signals = chain, place, signals
-        self._r = chain.residual
-        self._columns = np.zeros((self._r.size, 0))
-        self._lengths = np.zeros(0)
+        self._terms: list[Term] = []
+        self._columns = np.zeros((chain.residual.size, 0))
 
     def _entered(self, terms: Sequence[Term]) -> tuple[FloatArray, FloatArray]:
-        """Answers (M, q) in the reading, and the lengths (q,) that they were scaled by."""
         along = np.column_stack([term.along(self._signals) for term in terms])
-        whole = self._chain.answers(self._place, along)
-        scale = lengths(whole)
-        return self._chain.project(whole / scale), scale
+        return answers(self._chain, self._place, along)
 
-    def offer(self, terms: Sequence[Term]) -> None:
-        """Add terms."""
-        columns, scale = self._entered(terms)
-        self.terms += terms
-        columns = np.where(np.isfinite(columns), columns, 0.0)
-        self._columns = np.hstack([self._columns, columns])
-        self._lengths = np.concatenate([self._lengths, scale])
-
-    def coefficients(self, chosen: Sequence[int]) -> tuple[float, ...]:
-        """Coefficients of the chosen terms, in the place's unit."""
-        found, *_ = np.linalg.lstsq(self._columns[:, chosen], self._r)
-        return tuple((found / self._lengths[chosen]).tolist())
+    def offer(self, terms: Sequence[Term]) -> int:
+        """Add terms; the index of the last one."""
+        columns, _ = self._entered(terms)
+        self._terms += terms
+        self._columns = np.hstack([self._columns, np.where(np.isfinite(columns), columns, 0.0)])
+        return len(self._terms) - 1
 
     def _gains(self, kept: Sequence[int], columns: FloatArray) -> FloatArray:
         """Squares that each column (M, q) explains beside those kept."""
+        r = self._chain.residual
         basis, _ = np.linalg.qr(self._columns[:, kept])
-        left = self._r - basis @ (basis.T @ self._r)
-        power = np.einsum("mq,mq->q", columns, columns)
-        power -= np.sum((basis.T @ columns) ** 2, axis=0)
-        return np.asarray((left @ columns) ** 2 / (np.maximum(power, 0.0) + DAMPING))
+        power = np.einsum("mq,mq->q", columns, columns) - np.sum((basis.T @ columns) ** 2, axis=0)
+        along = (r - basis @ (basis.T @ r)) @ columns
+        return np.asarray(along**2 / (np.maximum(power, 0.0) + DAMPING))
 
     def _best(self, kept: Sequence[int]) -> int:
-        return int(np.argmax(self._gains(kept, self._columns)))
-
-    def select(self, noise: NoiseFloor) -> tuple[list[int], float, float]:
-        """Chosen terms, their share and its standard error; none where none is worth its price."""
-        chosen: list[int] = []
-        share, error, before = 0.0, 0.0, np.inf
-        while len(chosen) < MOST_TERMS:
-            grown = [*chosen, self._best(chosen)]
-            for _ in range(2 * len(grown)):
-                kept = grown[1:]
-                grown = [*kept, self._tuned(self._best(kept), kept)]
-            left = left_out(self._columns[:, grown], self._r)
-            now, its_error = share_of(self._r, left, noise)
-            if now - its_error <= share or before < (1.0 + WORTH**2) * left.sum():
-                break
-            chosen, share, error, before = grown, now, its_error, left.sum()
-        return chosen, share, error
-
-    def _tuned(self, index: int, kept: Sequence[int]) -> int:
-        """The term; where it is a wave, one of the best wavelength within half a wave."""
-        term = self.terms[index]
-        wave = next((f for f in term.factors if f.shape.is_wave), None)
+        """The best term beside those kept; of a wave, of the best length within half a wave."""
+        index = int(np.argmax(self._gains(kept, self._columns)))
+        term, wave = self._terms[index], self._terms[index].wave
         if wave is None:
             return index
         span = float(np.ptp(self._signals[wave.quantity])) / (2.0 * np.pi)
@@ -207,16 +162,35 @@ class _Columns:
         found = scipy.optimize.minimize_scalar(
             lambda waves: -float(self._gains(kept, self._entered([of(waves)])[0])[0]),
             bounds=(span / wave.scale - 0.5, span / wave.scale + 0.5),
+            options={"xatol": 1e-3},  # of a wave: less than a refit's error
         )
-        self.offer([of(float(found.x))])
-        return len(self.terms) - 1
+        return self.offer([of(float(found.x))])
 
-    def rivals(self, chosen: Sequence[int], error: float) -> tuple[str, ...]:
-        """Other first terms that explain as much but for an error [m^2]; a wave is no rival."""
+    def selected(self, noise: NoiseFloor) -> Formula | None:
+        """The sum that explains what is worth it; None where no term is."""
+        r = self._chain.residual
+        chosen: list[int] = []
+        share, error, before = 0.0, 0.0, np.inf
+        while len(chosen) < MOST_TERMS:
+            grown = [*chosen, self._best(chosen)]
+            for _ in range(2 * len(grown) * bool(chosen)):
+                grown = [*grown[1:], self._best(grown[1:])]
+            left = left_out(self._columns[:, grown], r)
+            now, its_error = share_of(r, left, noise)
+            if now - its_error <= share or before < (1.0 + WORTH**2) * left.sum():
+                break
+            chosen, share, error, before = grown, now, its_error, float(left.sum())
+        if not chosen:
+            return None
+        # Other first terms that explain as much but for the error; a wave is no rival.
         gains = self._gains(chosen[1:], self._columns)
-        others = [
-            k for k, term in enumerate(self.terms)
-            if k not in chosen and not any(f.shape.is_wave for f in term.factors)
-            and gains[k] > gains[chosen[0]] - error
-        ]  # fmt: skip
-        return tuple(str(self.terms[k]) for k in sorted(others, key=lambda k: -gains[k])[:3])
+        gains[[k for k, term in enumerate(self._terms) if term.wave or k in chosen]] = -np.inf
+        least = self._gains(chosen[1:], self._columns)[chosen[0]] - error * beyond(r, noise)
+        rivals = [k for k in np.argsort(-gains)[:3].tolist() if gains[k] > least]
+        terms = tuple(self._terms[k] for k in chosen)
+        columns, lengths = self._entered(terms)
+        size, *_ = np.linalg.lstsq(columns, r)
+        return Formula(
+            self._place, terms, tuple((size / lengths).tolist()), share,
+            tuple(str(self._terms[k]) for k in rivals),
+        )  # fmt: skip
