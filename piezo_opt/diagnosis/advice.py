@@ -16,8 +16,8 @@ from typing import Any, Final, final
 import numpy as np
 
 from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.told import Step
-from piezo_opt.diagnosis.variance import effective_samples
 from piezo_opt.effects.base import Effect, Parameter
 from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.identification import Fit, solve, with_statistics
@@ -97,7 +97,7 @@ def experiments(
         the experiments, and the names that no usual drive would show.
     """
     # Slow noise carries less news a sample; what is left unexplained counts as noise.
-    news = effective_samples(final.residuals) / final.residuals.size
+    news = Colour.of(final.residuals, [int(r.counted.sum()) for r in final.records], 1).news
     level = max(noise, final.rms) / float(np.sqrt(news))
     found: list[Advice] = []
     for step in steps:

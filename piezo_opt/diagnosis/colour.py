@@ -90,11 +90,18 @@ class Colour:
                 filtered[order:] -= a * part[order - lag : part.shape[0] - lag]
         return done
 
+    @property
+    def news(self) -> float:
+        """Independent samples that carry as much of a mean as one of noise of the first order:
+        (1 - a) / (1 + a)."""
+        a = sum(self.coefficients)
+        return (1.0 - a) / (1.0 + a)
+
     def density(self, samples: int) -> FloatArray:
         """Power of the noise over that of e, at the frequencies k / N, 0 < k < N / 2."""
-        polynomial = np.array([1.0, *(-a for a in self.coefficients)])
-        transfer = np.fft.rfft(polynomial, samples)[1 : (samples + 1) // 2]
-        return np.asarray(1.0 / np.abs(transfer) ** 2)
+        turn = np.exp(-2j * np.pi * np.arange(1, (samples + 1) // 2) / samples)
+        transfer = 1.0 - sum(a * turn**lag for lag, a in enumerate(self.coefficients, 1))
+        return np.asarray(np.broadcast_to(1.0 / np.abs(transfer) ** 2, turn.shape))
 
 
 def crowded(power: FloatArray, freedom: int) -> NDArray[np.bool_]:
@@ -114,9 +121,9 @@ def crowded(power: FloatArray, freedom: int) -> NDArray[np.bool_]:
     found = np.zeros(n, dtype=np.bool_)
     sums, size = power, 1
     while sums.size > 1 and total > 0.0:
-        others = np.clip(1.0 - sums / total, 0.0, 1.0)
-        p = scipy.special.betainc(0.5 * freedom * (n - size), 0.5 * freedom * size, others)
-        over = (p * 2 * n < LEVEL) & (sums * n > TWICE * size * total)
+        inside, outside = 0.5 * freedom * size, 0.5 * freedom * (n - size)
+        most = 1.0 - scipy.special.betaincinv(outside, inside, LEVEL / (2 * n))
+        over = sums > total * max(most, TWICE * size / n)
         found[: over.size * size] |= np.repeat(over, size)
         sums = sums[: sums.size // 2 * 2].reshape(-1, 2).sum(axis=1)
         size *= 2

@@ -1,8 +1,8 @@
-"""Whether a residual follows the drive, whatever the function."""
+"""Whether a residual follows something: an effect's direction, or any function of the drive."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from typing import final
 
 import numpy as np
 import scipy
@@ -21,6 +21,44 @@ _GONE = 1e-6
 than rounding leaves of it, far less than a record would show."""
 
 
+@final
+class Whitened:
+    """A residual r (M,) at a fit after its own filter of the first order, and what may explain it.
+
+    Args:
+        point: the fit; what its parameters explain after the filter is taken away of everything.
+    """
+
+    def __init__(self, point: BasePoint) -> None:
+        self._colour = Colour.of(point.residual, point.colour.lengths, 1)
+        self._basis, _ = np.linalg.qr(self._colour.whitened(point.basis))
+        self.residual = self.beside(point.residual)
+
+    def beside(self, columns: FloatArray) -> FloatArray:
+        """Columns (M, ...) after the filter, less what the fitted parameters explain of them."""
+        white = self._colour.whitened(columns)
+        return np.asarray(white - self._basis @ (self._basis.T @ white))
+
+    def chance(self, column: FloatArray) -> float:
+        """Probability of as large a score s = c'r of a column c (M,) by noise alone.
+
+            s^2 / max(sigma^2 c'c, sum_t c_t^2 e_t^2)
+
+        is chi-squared with one degree, with e what the column leaves of r, so that a true effect
+        does not hide behind itself, and sigma^2 its mean square. The second variance is that of
+        noise which is larger where the column is.
+
+        Source: White (1980), Econometrica 48(4), 817-838.
+        """
+        c = self.beside(column)
+        power, score = float(c @ c), float(c @ self.residual)
+        if power == 0.0:
+            return 1.0
+        squares = np.square(self.residual - c * (score / power))
+        variance = max(float(squares.mean()) * power, float(np.square(c) @ squares))
+        return float(scipy.special.chdtrc(1.0, score**2 / max(variance, np.finfo(float).tiny)))
+
+
 def follows_drive(fit: Fit, point: BasePoint) -> tuple[float, str, FloatArray]:
     """Whether generic functions of the drive explain a residual r (M,) together.
 
@@ -36,27 +74,23 @@ def follows_drive(fit: Fit, point: BasePoint) -> tuple[float, str, FloatArray]:
 
     Source: Wooldridge (1991), J. Econometrics 47, 5-46 (score test robust to uneven variance).
     """
-    library = [_library(fit, index) for index in range(len(fit.records))]
-    names, r = list(library[0]), point.residual
-    columns = np.column_stack([np.concatenate([part[n] for part in library]) for n in names])
+    names, columns = _functions(fit)
+    r = point.residual
     whole = np.linalg.norm(columns, axis=0)
     columns -= point.basis @ (point.basis.T @ columns)
     sizes = np.linalg.norm(columns, axis=0)
     seen = np.flatnonzero(sizes > _GONE * whole)
     columns = columns[:, seen] / sizes[seen]
     rest = r - columns @ (_inverse(columns.T @ columns) @ (columns.T @ r))
-    colour = Colour.of(r, point.colour.lengths, 1)
-    basis, _ = np.linalg.qr(colour.whitened(point.basis))
-    columns, white = colour.whitened(columns), colour.whitened(r)
-    columns = columns - basis @ (basis.T @ columns)
-    white = white - basis @ (basis.T @ white)
-    cosines = np.abs(white @ columns) / np.linalg.norm(columns, axis=0)
-    terms = columns * white[:, None]
-    sizes = np.linalg.norm(terms, axis=0)
+    white = Whitened(point)
+    columns = white.beside(columns)
+    cosines = np.abs(white.residual @ columns) / np.linalg.norm(columns, axis=0)
+    columns *= white.residual[:, None]
+    sizes = np.linalg.norm(columns, axis=0)
     if not sizes.all() or not sizes.size:
         return 1.0, "", r
-    terms /= sizes
-    side, inverse = terms.sum(axis=0), _inverse(terms.T @ terms)
+    columns /= sizes
+    side, inverse = columns.sum(axis=0), _inverse(columns.T @ columns)
     degrees = np.linalg.matrix_rank(inverse, hermitian=True)
     p_value = float(scipy.special.chdtrc(degrees, side @ inverse @ side))
     return p_value, names[seen[np.argmax(cosines)]], rest
@@ -67,7 +101,14 @@ def _inverse(gram: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.pinv(gram, rcond=_GONE, hermitian=True))
 
 
-def _library(fit: Fit, index: int) -> Mapping[str, FloatArray]:
+def _functions(fit: Fit) -> tuple[list[str], FloatArray]:
+    """Names, and values (M, q), of the library over the records."""
+    parts = [_library(fit, index) for index in range(len(fit.records))]
+    columns = [np.concatenate([part[name] for part in parts]) for name in parts[0]]
+    return list(parts[0]), np.column_stack(columns)
+
+
+def _library(fit: Fit, index: int) -> dict[str, FloatArray]:
     """Generic functions of drive, its rate, the position and the time since a reversal."""
     record, reading = fit.records[index], fit.readings[index]
     t = record.time

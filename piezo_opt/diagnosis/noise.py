@@ -176,29 +176,31 @@ def _left(fit: Fit) -> _Left:
         p_value, followed, rest = follows_drive(fit, point)
         r = rest if p_value < LEVEL else point.residual
     colour = Colour.of(r, lengths, 1)
-    lines, bursts, burst, top = 0.0, 0.0, "", 0.0
+    lines, bursts, burst, top, news = 0.0, 0.0, "", 0.0, 0.0
     ends = np.cumsum(lengths)[:-1]
     for part, white in zip(np.split(r, ends), np.split(colour.whitened(r), ends), strict=True):
         density = colour.density(part.size)
+        news += part.size * float(density.mean() ** 2 / np.mean(density**2))
         power = np.square(np.abs(np.fft.rfft(white)[1 : density.size + 1]))
         found = crowded(power, 2)
         coloured, even = power * density, np.ones(part.size)
         own = _beyond(power, even[: power.size], found)
         lines = max(lines, own, _beyond(coloured, density, found))
-        high = coloured[2 * power.size // 3 :][~found[2 * power.size // 3 :]]
+        # Ordinates of noise are exponentially distributed, and lines do not move their median.
+        high = float(np.median(coloured[2 * power.size // 3 :])) / math.log(2.0)
         white, power = np.square(white), np.square(part)
         found = crowded(white, 1)
-        top += float(power[~found].sum() * high.mean() / coloured.mean())
+        top += high / float(coloured.mean() or 1.0) * float(power[~found].sum())
         share = max(_beyond(white, even, found), _beyond(power, even, found))
         if share > bursts:
             bursts, burst = share, _burst(power, found)
-    density, rho = colour.density(r.size), sum(colour.coefficients)
+    rho = sum(colour.coefficients)
     deviation = math.sqrt(max(0.0, 1.0 - rho**2) / r.size)
     return _Left(
         p_value, followed, rms=float(np.sqrt(np.mean((r / weight) ** 2))),
         correlation=rho, slow=rho - 1.96 * deviation > _SLOWEST,
         lines=lines, bursts=bursts, burst=burst, top=top / max(float(r @ r), np.finfo(float).tiny),
-        news=r.size * float(density.mean() ** 2 / np.mean(density**2)),
+        news=news,
     )  # fmt: skip
 
 

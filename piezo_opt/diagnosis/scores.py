@@ -5,11 +5,10 @@ For a gate with derivative S, after what the fitted parameters explain (S_perp):
     gain = (S_perp' r)^2 / (S_perp' S_perp)          sum of squares it would explain
     predicted rms = sqrt((r'r - gain) / N)
     one-step size = S_perp' r / (S_perp' S_perp)
-    W = gain / v,   v = long-run variance of the score (correlated noise allowed for)
 
-W is chi-squared with one degree of freedom when the effect is absent and v is known; v being
-estimated, Student's t judges sqrt(W). The best over a grid of shapes is taken and paid for: p is
-multiplied by the number of distinguishable shapes and of effects looked at.
+How likely noise alone gives such a gain is asked after its filter (:mod:`following`). The best over
+a grid of shapes is taken and paid for: p is multiplied by the number of distinguishable shapes and
+of effects looked at.
 
 Sources: Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57 (score test); Davies (1987), Biometrika
 74(1), 33-43 (a parameter present only under the alternative).
@@ -28,8 +27,8 @@ from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.base_point import BasePoint, Direction
 from piezo_opt.diagnosis.colour import Colour
+from piezo_opt.diagnosis.following import Whitened
 from piezo_opt.diagnosis.richer import on_mechanics, on_spring
-from piezo_opt.diagnosis.variance import chance
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.errors import NO_FIT, PiezoOptError
 from piezo_opt.identification import Fit
@@ -113,6 +112,8 @@ def score(
         moving: beside it, one with mechanics, for what else the motion drives.
     """
 
+    whites = {at: Whitened(at) for at in (point, stiff, moving) if at is not None}
+
     def one(effect: Effect) -> _Best | Unscored:
         channels = tuple(point.question.campaign.records[0].channels)
         at, refusal = point, point.question.model.refusal(effect, channels)
@@ -122,7 +123,7 @@ def score(
         if refusal is not None:
             return Unscored(effect.name, refusal)
         try:
-            best = _best(effect, at, at.directions(effect))
+            best = _best(effect, at, whites[at], at.directions(effect))
         except PiezoOptError as error:
             return Unscored(effect.name, str(error))
         except Exception as error:
@@ -182,7 +183,9 @@ def by_name(suspects: Sequence[Suspect]) -> tuple[Suspect, ...]:
     return tuple(sorted(best.values(), key=lambda s: (-s.score, s.p_value)))
 
 
-def _best(effect: Effect, point: BasePoint, directions: Iterable[Direction]) -> _Best | None:
+def _best(
+    effect: Effect, point: BasePoint, white: Whitened, directions: Iterable[Direction]
+) -> _Best | None:
     """The shapes that explain most, and how many look different; None without any."""
     r = point.residual
     gate = effect.parameters[effect.gate or ""]
@@ -213,7 +216,7 @@ def _best(effect: Effect, point: BasePoint, directions: Iterable[Direction]) -> 
             )  # fmt: skip
     if top is None:
         return hidden
-    return replace(top, chance=chance(top.unit, r), looks=len(seen))
+    return replace(top, chance=white.chance(top.unit), looks=len(seen))
 
 
 def _where(error: Exception, effect: Effect) -> str:

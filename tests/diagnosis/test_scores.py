@@ -12,8 +12,9 @@ from scipy import signal
 
 import piezo_opt as po
 from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.colour import Colour
+from piezo_opt.diagnosis.following import Whitened
 from piezo_opt.diagnosis.scores import Suspect, by_name, score
-from piezo_opt.diagnosis.variance import effective_samples, long_run_variance, memory, wald
 from piezo_opt.effects import (
     AmplifierLag,
     Asymmetry,
@@ -115,51 +116,39 @@ def test_noise_alone_gets_no_name(still: BasePoint, kind: str, monkeypatch: Any)
     assert alarms <= 0.02 * seeds
 
 
-def test_the_statistic_of_white_noise_is_chi_squared() -> None:
-    column = rich(clock()) - 30.0
-    values = [
-        wald(column, np.random.default_rng(seed).normal(size=column.size)) for seed in range(600)
-    ]
-    assert np.mean(values) == pytest.approx(1.0, abs=0.15)
-    assert np.mean(np.array(values) > 3.841) == pytest.approx(0.05, abs=0.025)
+@pytest.mark.parametrize("phi", [0.0, 0.6, 0.9])
+def test_noise_explains_by_chance_as_often_as_stated(
+    still: BasePoint, phi: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Taken as white, noise of 0.9 would give a column as slow as itself 19 times its score."""
+    slow = still.project(np.sin(2.0 * np.pi * clock()))
+    p = []
+    for seed in range(400):
+        noise = autoregressive(seed, still.samples, phi)
+        monkeypatch.setattr(still, "residual", still.project(noise))
+        p.append(Whitened(still).chance(slow))
+    assert np.mean(np.array(p) < 0.05) == pytest.approx(0.05, abs=0.03)
+    assert np.mean(np.array(p) < 0.5) == pytest.approx(0.5, abs=0.08)
 
 
-def test_the_statistic_allows_for_slow_noise() -> None:
-    """A column as slow as the noise: taken as white, the mean would be 19."""
-    slow = np.sin(2.0 * np.pi * clock())
-    values = [wald(slow, autoregressive(seed, slow.size)) for seed in range(300)]
-    assert np.mean(values) == pytest.approx(1.0, abs=0.5)
-    assert np.mean(np.array(values) > 10.83) < 0.02
+def test_noise_that_is_loud_where_a_column_is_makes_it_no_surer(
+    still: BasePoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a clock's jitter is where the drive is quick: taken as even, a third would be below."""
+    loud = np.where(clock() % 0.5 < 0.1, 4.0, 1.0)
+    column = still.project(np.where(loud > 1.0, np.sin(40.0 * clock()), 0.0))
+    p = []
+    for seed in range(300):
+        noise = loud * autoregressive(seed, still.samples, 0.0)
+        monkeypatch.setattr(still, "residual", still.project(noise))
+        p.append(Whitened(still).chance(column))
+    assert np.mean(np.array(p) < 0.05) == pytest.approx(0.05, abs=0.035)
 
 
-def test_long_run_variance_by_its_definition() -> None:
-    """Newey and West's sum over lags, one product at a time."""
-    terms = np.convolve(np.random.default_rng(3).normal(size=600), [1.0, 0.8, 0.5])
-    for lags in (0, 1, 7, 40):
-        total = float(terms @ terms)
-        for lag in range(1, lags + 1):
-            total += 2.0 * (1.0 - lag / (lags + 1.0)) * float(terms[lag:] @ terms[:-lag])
-        assert long_run_variance(terms, lags) == pytest.approx(total / terms.size, rel=1e-9)
-
-
-def test_effective_samples_by_their_definition() -> None:
-    """Correlations count until the first one that is none, 2 / sqrt(N)."""
-    r = np.convolve(np.random.default_rng(3).normal(size=900), np.ones(12))
-    centred = r - r.mean()
-    rho = np.correlate(centred, centred, "full")[r.size - 1 :] / float(centred @ centred)
-    ends = int(np.flatnonzero(rho < 2.0 / np.sqrt(r.size))[0])
-    expected = r.size / (1.0 + 2.0 * float(rho[1 : 1 + ends].sum()))
-    assert effective_samples(r) == pytest.approx(expected, rel=1e-9)
-
-
-def test_memory_of_autoregressive_noise() -> None:
+def test_news_of_autoregressive_noise() -> None:
     runs = [autoregressive(seed, 4000, 0.8) for seed in range(20)]
-    assert np.mean([effective_samples(r) for r in runs]) == pytest.approx(4000 / 9.0, rel=0.2)
-    wanted = (NOISE * np.sqrt(1 - 0.8**2) / (1 - 0.8)) ** 2
-    found = np.mean([long_run_variance(r, memory(r)) for r in runs])
-    assert found == pytest.approx(wanted, rel=0.25)
-    white = np.random.default_rng(0).normal(size=4000)
-    assert effective_samples(white) > 3700
+    assert np.mean([Colour.of(r, [4000], 1).news for r in runs]) == pytest.approx(1 / 9.0, rel=0.1)
+    assert Colour.of(autoregressive(0, 4000, 0.0), [4000], 1).news > 0.92
 
 
 @pytest.mark.parametrize(("sign", "wrong"), [(1.0, False), (-1.0, True)])
