@@ -2,7 +2,7 @@
 
 from piezo_opt.diagnosis.diagnose import Diagnosis, Stopped, diagnose
 from piezo_opt.diagnosis.entering import Quantity
-from piezo_opt.diagnosis.forces import Force, correction_force, forces
+from piezo_opt.diagnosis.forces import Force, forces
 from piezo_opt.diagnosis.formula import Formula
 from piezo_opt.diagnosis.search import Effort
 from piezo_opt.diagnosis.unexplained import Unexplained, unexplained
@@ -15,7 +15,6 @@ __all__ = [
     "Quantity",
     "Stopped",
     "Unexplained",
-    "correction_force",
     "diagnose",
     "forces",
     "unexplained",

@@ -18,10 +18,11 @@ import numpy as np
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.told import Step
-from piezo_opt.effects.base import Effect, Parameter
+from piezo_opt.effects.base import Effect
 from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.identification import Fit, solve, with_statistics
 from piezo_opt.identification.unknowns import limits
+from piezo_opt.measurement import Measurement
 from piezo_opt.signals import Drive, best_between, usual
 from piezo_opt.signals.answer import Answer
 from piezo_opt.signals.between import SURE
@@ -116,11 +117,8 @@ def experiments(
 def split(alternatives: Mapping[str, Fit], noise: float) -> Advice:
     """Which of the usual drives tells the effects of a group apart.
 
-    As long as the record, or :data:`MOST` samples where that would not be sure.
-
-    Args:
-        alternatives: the fit with each effect of the group in place of the others.
-        noise: root mean square of the reading's noise [m], as that of independent samples.
+    As long as the record, or :data:`MOST` samples where that would not be sure. For each effect a
+    fit with it in place of the others; noise as for :func:`reveal`.
 
     Raises:
         InputError: fewer than two effects, a noise that is not positive, or no drive on which the
@@ -179,7 +177,7 @@ def reveal(
     """
     if not 0.0 < noise < np.inf:
         raise InputError(f"noise is {noise:g} m; give a positive length in metres.")
-    own = {e: _typical(e, fit) for e in effects if e.gate and e.name not in fit.model}
+    own = {e: _typical(e, fit.records) for e in effects if e.gate and e.name not in fit.model}
     here = _shown(fit, own, noise)
     left = [effect for effect, far in here.items() if far < SURE]
     hidden = {effect: own[effect] for effect in left}
@@ -208,7 +206,7 @@ def reveal(
         if not shown:
             return tuple(advices), tuple(e.name for e in left)
         left = [e for e in left if e not in shown]
-        least = {e.name: SURE * abs(_size(e)) / far for e, far in shown.items()}
+        least = {e.name: SURE * _size(e, own[e]) / far for e, far in shown.items()}
         sizes = [
             f"{e.name} from {e.gate} = {show(least[e.name], e.parameters[e.gate or ''].unit)}"
             for e in shown
@@ -288,34 +286,32 @@ def _shown(
             for d in point.directions(effect, [shapes]):
                 part = float(np.linalg.norm(d.projected))
                 gone = part <= 1e-7 * np.linalg.norm(d.whole)
-                found[effect] = 0.0 if gone else abs(_size(effect)) * part / noise
+                found[effect] = 0.0 if gone else _size(effect, own) * part / noise
     return found
 
 
-def _typical(effect: Effect, fit: Fit) -> dict[str, float]:
-    """Own parameters of an absent effect: its gate, and its shapes within what records can show."""
-    shapes = {
-        name: _middle(p, *limits(p, fit.records))
-        for name, p in effect.parameters.items() if name != effect.gate and not p.fixed
-    }  # fmt: skip
-    gate = effect.gate or ""
-    return {**shapes, gate: (effect.parameters[gate].null or 0.0) + _size(effect)}
+def _typical(effect: Effect, records: tuple[Measurement, ...]) -> dict[str, float]:
+    """Own parameters of an absent effect: the middle of what is typical and records can show.
 
-
-def _size(effect: Effect) -> float:
-    """Usual size of an effect's gate, from null."""
+    Geometric where the range has one sign, else half its larger end.
+    """
+    own: dict[str, float] = {}
+    for name, p in effect.parameters.items():
+        if name == effect.gate or not p.fixed:
+            within = p.bounds if name == effect.gate else limits(p, records)
+            low, high = np.clip(p.typical or (p.nominal, p.nominal), *within).tolist()
+            signed = np.sign(low) * np.sqrt(max(0.0, low * high))
+            own[name] = float(signed or 0.5 * max(low, high, key=abs))
     gate = effect.parameters[effect.gate or ""]
-    return _middle(gate, *gate.bounds) - (gate.null or 0.0) or gate.scale
+    if own[effect.gate or ""] == (gate.null or 0.0):
+        own[effect.gate or ""] += gate.scale
+    return own
 
 
-def _middle(parameter: Parameter, least: float, most: float) -> float:
-    """The middle of the typical range within limits: geometric where it has one sign, else half its
-    larger end."""
-    typical = parameter.typical or (parameter.nominal, parameter.nominal)
-    low, high = (float(np.clip(end, least, most)) for end in typical)
-    if low * high > 0.0:
-        return float(np.sign(low) * np.sqrt(low * high))
-    return 0.5 * max(low, high, key=abs)
+def _size(effect: Effect, own: Mapping[str, float]) -> float:
+    """How far an effect's gate is from null."""
+    gate = effect.gate or ""
+    return abs(own[gate] - (effect.parameters[gate].null or 0.0))
 
 
 def _split_sentence(names: Sequence[str], drive: Drive, sigmas: float, now: float) -> str:

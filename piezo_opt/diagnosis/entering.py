@@ -32,7 +32,7 @@ from piezo_opt.simulation.transitions import Transitions
 FloatArray = NDArray[np.float64]
 
 PIECES: Final = 16
-"""Knots of a function of one signal."""
+"""Knots of a function of one signal: it follows up to eight waves over the signal's span."""
 
 
 class Quantity(Enum):
@@ -180,15 +180,8 @@ def _signals(
     slopes = np.array([np.gradient(c, t) for c in beside]).reshape(-1, n)
     given = (t[None], states.T, u[None], np.gradient(u, t)[None], beside, slopes)
     v, dv, h, _, _, x, dx = np.array(system.signals.map(n)(*given, np.tile(p[:, None], (1, n))))
-    return {
-        Quantity.DRIVE: v,
-        Quantity.DRIVE_RATE: dv,
-        Quantity.HYSTERESIS: h,
-        Quantity.POSITION: x,
-        Quantity.VELOCITY: dx,
-        Quantity.SINCE_REVERSAL: np.log1p(_since_reversal(t, u) / record.step),
-        Quantity.TIME: t - t[0],
-    }
+    since = np.log1p(_since_reversal(t, u) / record.step)
+    return dict(zip(Quantity, (v, dv, h, x, dx, since, t - t[0]), strict=True))
 
 
 def _since_reversal(t: FloatArray, drive: FloatArray) -> FloatArray:
@@ -223,44 +216,24 @@ def _probe(place: Place) -> Effect:
         before = chain.incoming.value if place.is_line else 0.0
         return Equations(gives=before + p.at_start * falling + p.at_end * rising)
 
+    halves = {
+        "at_start": Parameter("1", "size of the falling half", nominal=0.0, null=0.0),
+        "at_end": Parameter("1", "size of the rising half", nominal=0.0),
+    }
     return made_effect(
-        "Correction",
-        "A correction given as channels of the record.",
-        place,
-        equations,
-        {
-            "at_start": Parameter("1", "size of the falling half", nominal=0.0, null=0.0),
-            "at_end": Parameter("1", "size of the rising half", nominal=0.0),
-        },
-        *(f"channel:{name}" for name in _channels(place)),
-    )
+        "Correction", place, halves,
+        __doc__="A correction given as channels of the record.",
+        requires=tuple(f"channel:{name}" for name in _channels(place)), equations=equations,
+    )  # fmt: skip
 
 
 def made_effect(
-    title: str,
-    doc: str,
-    place: Place,
-    equations: Any,
-    parameters: Mapping[str, Parameter],
-    *needs: str,
-    **more: Any,
+    title: str, place: Place, parameters: Mapping[str, Parameter], **members: Any
 ) -> Effect:
-    """An effect made at run time; it stands in no file and in no catalogue.
-
-    Args:
-        title: CamelCase name.
-        doc: its docstring.
-        place: where it acts; what that place needs is added to the needs.
-        equations: as those of :class:`~piezo_opt.effects.base.Effect`.
-        parameters: by own name, the gate among them.
-        needs: what it requires of the model beside that.
-        more: further members of the class.
-    """
+    """An effect made at run time, with what its place requires; it stands in no catalogue."""
     own = {Place.LOOP: ("loop",), Place.MOTION: ("motion",)}.get(place, ())
-    body = {
-        "__doc__": doc, "__module__": "made_at_run_time", "place": place,
-        "requires": (*own, *needs), "equations": equations, **parameters, **more,
-    }  # fmt: skip
+    members["requires"] = (*own, *members.get("requires", ()))
+    body = {"__module__": "made_at_run_time", "place": place, **parameters, **members}
     kind: Any = dataclass(frozen=True)(type(title, (Effect,), body))
     made: Effect = kind()
     return made

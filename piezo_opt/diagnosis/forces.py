@@ -53,9 +53,10 @@ from piezo_opt.units import show
 FloatArray = NDArray[np.float64]
 
 SMOOTH: Final = 4
-"""T, in samples: shorter than that a correction is not asked for."""
+"""T, in samples: a correction is straight between samples, which follows what varies like
+exp(-t / T) to 1 / (8 T^2) = 0.8 %."""
 ITERATIONS: Final = 200
-"""Of LSQR; places that explain the residual need ten to fifty."""
+"""Of LSQR, for a place that cannot explain the residual; one that can needs ten to fifty."""
 FOLDS: Final = 10
 """Stretches of the record, each left out once: the usual number (Kohavi 1995, IJCAI 14, 1137)."""
 DAMPING: Final = 1e-6
@@ -75,25 +76,27 @@ _HOME: Final = {
 @final
 @dataclass(frozen=True)
 class Dependence:
-    """How far a function of one signal replaces the correction.
+    """How far a function of one signal, entering one place, replaces the correction.
 
     Attributes:
+        place: where it enters.
         quantity: the signal.
         times: a rate that multiplies the function (a damping that depends on the position is
             x' times a function of x), None for the function alone.
-        share: of what the noise does not explain, the part explained on left-out stretches, 0..1.
+        share: of what the noise does not explain, the part explained on left-out stretches; a
+            little below 0 where it explains none, above 1 where the floor is too high.
         error: standard error of the share.
     """
 
+    place: Place
     quantity: Quantity
     times: Quantity | None
     share: float
     error: float
 
     def __str__(self) -> str:
-        if self.times is None:
-            return self.quantity.value
-        return f"{self.quantity.value}, times {self.times.value}"
+        times = "" if self.times is None else f", times {self.times.value}"
+        return f"{self.quantity.value}{times}"
 
 
 @final
@@ -109,9 +112,11 @@ class Force:
         rms: root mean square of w, in the place's unit.
         relative: the same over the drive-shaped correction that moves the reading as much as it
             moves anyway: without unit, comparable between places.
-        rms_before, rms_after: of the residual [m] without and with it.
+        rms_after: root mean square of the residual [m] with it.
         share: of what the noise does not explain, the part that w explains, 0..1.
         against: how far a function of each signal would do instead, the one to be told first.
+        likely: whether that one explains as much as the best of all places, to one standard
+            error, and surely more than nothing.
     """
 
     place: Place
@@ -120,125 +125,96 @@ class Force:
     signals: dict[Quantity, tuple[FloatArray, ...]]
     rms: float
     relative: float
-    rms_before: float
     rms_after: float
     share: float
     against: tuple[Dependence, ...]
+    likely: bool
 
     @property
     def described(self) -> float:
-        """Share of the function that is told."""
-        return self.against[0].share if self.against else 0.0
+        """Share of the function that is told, 0..1."""
+        return float(np.clip(self.against[0].share, 0.0, 1.0)) if self.against else 0.0
 
     def __str__(self) -> str:
-        text = (
+        told = f", a function of {self.against[0]} {100 * self.described:.0f} %"
+        return (
             f"{self.place.name.lower()}: a correction of {show(self.rms, self.place.unit)} rms "
             f"({100 * self.relative:.2g} % of what the drive does there) explains "
-            f"{100 * self.share:.0f} %"
+            f"{100 * self.share:.0f} %{told * bool(self.against)}"
         )
-        if not self.against:
-            return text
-        return f"{text}, a function of {self.against[0]} {100 * self.described:.0f} %"
-
-
-def correction_force(
-    fit: Fit,
-    place: Place,
-    noise: NoiseFloor | None = None,
-    *,
-    entering: Entering | None = None,
-) -> Force:
-    """The smallest correction entering one place that brings the residual down to the noise.
-
-    Args:
-        fit: the fit whose residual is to be explained.
-        place: where the correction enters.
-        noise: the floor; estimated from the fit where none is given.
-        entering: the fit's answers to corrections, where several places are asked.
-
-    Raises:
-        InputError: the model has no such place.
-    """
-    chain = Entering(fit) if entering is None else entering
-    if place not in chain.places:
-        raise InputError(
-            f"The model has no {place.value} that a correction could enter; it has "
-            f"{', '.join(p.value for p in chain.places)}."
-        )
-    floor = noise_floor(fit) if noise is None else noise
-    return _force(chain, place, floor, _described(chain, place, floor, (None, *RATES)))
 
 
 def forces(
     fit: Fit,
     noise: NoiseFloor | None = None,
     *,
+    places: Sequence[Place] | None = None,
     entering: Entering | None = None,
     threads: int = 1,
 ) -> tuple[Force, ...]:
-    """The smallest correction for every place of the chain, the likeliest place first.
+    """The smallest correction entering each place of the chain, the likeliest place first.
 
     Args:
         fit: the fit whose residual is to be explained.
         noise: the floor; estimated from the fit where none is given.
+        places: those that are asked; all that the model has unless given.
         entering: the fit's answers to corrections, where they are known.
         threads: places that are asked at a time.
+
+    Raises:
+        InputError: the model has no such place.
     """
     chain = Entering(fit) if entering is None else entering
+    asked = chain.places if places is None else tuple(places)
+    for place in asked:
+        if place not in chain.places:
+            raise InputError(
+                f"The model has no {place.value} that a correction could enter; it has "
+                f"{', '.join(p.value for p in chain.places)}."
+            )
     floor = noise_floor(fit) if noise is None else noise
+    r = chain.residual
+    told: list[Dependence] = []
     with Pool(max_workers=threads) as pool:
-        told = list(pool.map(lambda p: _described(chain, p, floor, (None,)), chain.places))
-        # Where a function of one signal leaves nothing that could bear a name, no second is asked.
-        left = 1.0 - max((d.share for each in told for d in each), default=1.0)
-        noise_alone = chain.residual.size * floor.rms**2
-        if left * beyond(chain.residual, floor) > WORTH**2 * noise_alone:
-            more = pool.map(lambda p: _described(chain, p, floor, RATES), chain.places)
-            told = [each + products for each, products in zip(told, more, strict=True)]
-        found = list(pool.map(lambda p, own: _force(chain, p, floor, own), chain.places, told))
-    equal = level(found)
+        for rates in ((None,), RATES):
+            # Where a function of one signal leaves nothing that could bear a name, none of two is
+            # asked.
+            left = (1.0 - max((d.share for d in told), default=0.0)) * beyond(r, floor)
+            if left > WORTH**2 * r.size * floor.rms**2 * bool(told):
+                for own in pool.map(lambda p, by=rates: _described(chain, p, floor, by), asked):
+                    told += own
+        smallest = list(pool.map(lambda p: _smallest(chain, p, floor), asked))
+    best = max(told, key=lambda d: d.share, default=None)
+    equal = sure = 0.0
+    if best is not None:
+        equal = best.share - best.error
+        # By chance once in 20, for all functions of a place together, from the stretches' scatter.
+        looks = len(told) / len(asked)
+        sure = best.error * float(scipy.special.stdtrit(FOLDS - 1, 1.0 - 0.05 / looks))
+    found: list[Force] = []
+    for place, (correction, rest) in zip(asked, smallest, strict=True):
+        own = [d for d in told if d.place is place]
+        own.sort(key=lambda d: (d.share < equal, d.times is not None, -d.share))
+        rms = float(np.sqrt(np.mean(correction**2)))
+        force = Force(
+            place=place,
+            time=tuple(record.time for record in fit.records),
+            correction=tuple(chain.split(correction)),
+            signals={q: tuple(chain.split(s)) for q, s in chain.signals.items()},
+            rms=rms,
+            relative=rms / _natural(chain, place),
+            rms_after=float(np.sqrt(np.mean(rest**2))),
+            share=float(np.clip(share_of(r, rest**2, floor)[0], 0.0, 1.0)),
+            against=tuple(own),
+            likely=best is not None and best.share > sure and own[0].share >= equal,
+        )
+        found.append(force)
 
     def key(force: Force) -> tuple[bool, bool, float]:
-        told = force.against[0] if force.against else None
-        at_home = told is not None and (told.times or told.quantity) in _HOME[force.place]
-        return force.place not in equal, not at_home, force.relative
+        signals = {d.times or d.quantity for d in force.against[:1] if force.likely}
+        return not force.likely, signals.isdisjoint(_HOME[force.place]), force.relative
 
     return tuple(sorted(found, key=key))
-
-
-def level(found: Sequence[Force]) -> tuple[Place, ...]:
-    """Places where a function of signals explains as much as in the best, to one standard error.
-
-    None where the best may explain nothing: 5 % that it does by chance, for all functions that
-    were looked at in a place together (Student's t of the stretches).
-    """
-    told = [(f.against[0], f.place) for f in found if f.against]
-    if not told:
-        return ()
-    best, _ = max(told, key=lambda one: one[0].share)
-    looks = max(len(f.against) for f in found)
-    if best.share <= scipy.special.stdtrit(FOLDS - 1, 1.0 - 0.05 / looks) * best.error:
-        return ()
-    return tuple(place for d, place in told if d.share >= best.share - best.error)
-
-
-def _force(
-    chain: Entering, place: Place, noise: NoiseFloor, against: tuple[Dependence, ...]
-) -> Force:
-    r = chain.residual
-    correction, rest = _smallest(chain, place, noise)
-    rms = float(np.sqrt(np.mean(correction**2)))
-    return Force(
-        place=place,
-        time=tuple(record.time for record in chain.fit.records),
-        correction=tuple(chain.split(correction)),
-        signals={q: tuple(chain.split(s)) for q, s in chain.signals.items()},
-        rms=rms,
-        relative=rms / _natural(chain, place),
-        rms_before=float(np.sqrt(np.mean(r**2))),
-        rms_after=float(np.sqrt(np.mean(rest**2))),
-        share=share_of(r, rest**2, noise)[0],
-        against=_simplest_first(against),
-    )
 
 
 def _smallest(chain: Entering, place: Place, noise: NoiseFloor) -> tuple[FloatArray, FloatArray]:
@@ -251,16 +227,10 @@ def _smallest(chain: Entering, place: Place, noise: NoiseFloor) -> tuple[FloatAr
         # w + T w' = u, so that the size of u is integral (w^2 + T^2 w'^2) but for the ends.
         return np.asarray(scipy.signal.lfilter([1.0 - fade], [1.0, -fade], u))
 
-    def entered(u: FloatArray) -> FloatArray:
-        return np.concatenate([smoothed(part) for part in chain.split(u)])
-
-    def back(rows: FloatArray) -> FloatArray:
-        pulled = chain.back(place, chain.project(rows))
-        return np.concatenate([smoothed(part[::-1])[::-1] for part in chain.split(pulled)])
-
     operator = scipy.sparse.linalg.LinearOperator(
-        (r.size, sum(chain.lengths)), dtype=float, rmatvec=back,
-        matvec=lambda u: chain.project(chain.answers(place, entered(u)[:, None])[:, 0]),
+        (r.size, sum(chain.lengths)), dtype=float,
+        matvec=lambda u: chain.project(chain.answers(place, smoothed(u)[:, None])[:, 0]),
+        rmatvec=lambda y: smoothed(chain.back(place, chain.project(y))[::-1])[::-1],
     )  # fmt: skip
     target, total = r.size * noise.rms**2, float(r @ r)
     u = scipy.sparse.linalg.lsqr(
@@ -270,47 +240,30 @@ def _smallest(chain: Entering, place: Place, noise: NoiseFloor) -> tuple[FloatAr
     # Of the last step no more than leads to the target.
     along, square = float(r @ moved), float(moved @ moved)
     part = (along - np.sqrt(max(0.0, along**2 - square * (total - target)))) / (square or 1.0)
-    return part * entered(u), r - part * moved
+    return part * smoothed(u), r - part * moved
 
 
 def _described(
     chain: Entering, place: Place, noise: NoiseFloor, rates: Sequence[Quantity | None]
-) -> tuple[Dependence, ...]:
-    """How much a function of each signal, times each rate, explains of the residual.
+) -> list[Dependence]:
+    """How much functions of each signal, times each rate, explain where they enter the place.
 
-    The function enters the place and is piecewise linear in the signal. It is judged where the
-    noise is, in the reading: regressing the correction itself would count the noise that the
-    inversion of the chain has blown up.
-
-    Args:
-        chain: the fit's answers to corrections.
-        place: where the function enters.
-        noise: the floor; where nothing is beyond it, nothing is described.
-        rates: that may multiply the function; None is the function alone.
+    A function is piecewise linear in its signal. It is judged where the noise is, in the reading:
+    regressing the correction itself would count the noise that the inversion of the chain has
+    blown up. Without a rate (None) it is the function alone.
     """
     r = chain.residual
     found: list[Dependence] = []
     for rate, (quantity, hats) in product(rates, chain.hats.items()):
         # x' f(x) in the rate of the loop is F(x) in the strain: there only v' multiplies.
         same = place is Place.LOOP and rate is Quantity.VELOCITY
-        missing = rate is not None and (rate not in chain.signals or quantity in RATES)
-        if same or missing or beyond(r, noise) == 0.0:
+        if same or (rate is not None and (rate not in chain.signals or quantity in RATES)):
             continue
         parts = hats if rate is None else hats * chain.signals[rate][:, None]
         columns, _ = answers(chain, place, parts)
-        found.append(Dependence(quantity, rate, *share_of(r, left_out(columns, r), noise)))
-    return tuple(found)
-
-
-def _simplest_first(found: Sequence[Dependence]) -> tuple[Dependence, ...]:
-    """The best function of one signal first, where it is within one standard error of the best."""
-    best = max(found, key=lambda d: d.share, default=None)
-
-    def key(d: Dependence) -> tuple[bool, float]:
-        worse = best is not None and d.share < best.share - best.error
-        return worse or d.times is not None, -d.share
-
-    return tuple(sorted(found, key=key))
+        share, error = share_of(r, left_out(columns, r), noise)
+        found.append(Dependence(place, quantity, rate, share, error))
+    return found
 
 
 def answers(
@@ -345,7 +298,7 @@ def beyond(r: FloatArray, noise: NoiseFloor) -> float:
 
 
 def share_of(r: FloatArray, left: FloatArray, noise: NoiseFloor) -> tuple[float, float]:
-    """Part of what is not noise that is explained when these squares (M,) are left, 0..1.
+    """Part of what is not noise that is explained when these squares (M,) are left.
 
     And its standard error, from the scatter between stretches.
     """
@@ -355,7 +308,7 @@ def share_of(r: FloatArray, left: FloatArray, noise: NoiseFloor) -> tuple[float,
     sums = np.array([part.sum() for part in np.array_split(left, FOLDS)])
     share = (float(r @ r) - float(sums.sum())) / more
     error = float(np.sqrt(FOLDS) * sums.std(ddof=1)) / more
-    return float(np.clip(share, 0.0, 1.0)), error
+    return share, error
 
 
 def _natural(chain: Entering, place: Place) -> float:

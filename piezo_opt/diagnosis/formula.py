@@ -196,10 +196,9 @@ def _effect(formula: Formula, name: str) -> Effect:
         return Equations(gives=total)
 
     return made_effect(
-        "".join(part.capitalize() for part in name.split("_")),
-        f"Proposed by the correction force.\n\n    {formula}\n",
-        formula.place, equations, parameters,
-        __reduce__=lambda _: (_effect, (formula, name)),
+        "".join(part.capitalize() for part in name.split("_")), formula.place, parameters,
+        __doc__=f"Proposed by the correction force.\n\n    {formula}\n",
+        __reduce__=lambda _: (_effect, (formula, name)), equations=equations,
     )  # fmt: skip
 
 

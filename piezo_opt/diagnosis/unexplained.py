@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from piezo_opt.diagnosis.entering import Entering, Quantity
-from piezo_opt.diagnosis.forces import Force, beyond, forces, level
+from piezo_opt.diagnosis.forces import Force, beyond, forces
 from piezo_opt.diagnosis.formula import Formula
 from piezo_opt.diagnosis.noise import NoiseFloor, repetition
 from piezo_opt.diagnosis.propose import propose
@@ -25,7 +25,7 @@ class Unexplained:
         against: the signal of which the correction is a function; None where it is a function of
             none (an input that nobody recorded, single events).
         share: of what the noise does not explain, the part that this function explains on
-            stretches left out, 0..1.
+            stretches left out, 0..1; 0 where there is none.
         formula: a proposed law, None where none is worth its price.
         forces: the smallest correction of every place, likeliest place first.
     """
@@ -95,8 +95,8 @@ def unexplained(fit: Fit, noise: NoiseFloor, threads: int = 1) -> Unexplained | 
         if wave is not None and wave.share > first.described:
             along = Quantity.POSITION.value
             return Unexplained(Place.OUTPUT, (Place.OUTPUT,), along, wave.share, wave, found)
-    places = level(found)
+    places = tuple(force.place for force in found if force.likely)
     if not places:
-        return Unexplained(first.place, (first.place,), None, first.described, None, found)
+        return Unexplained(first.place, (first.place,), None, 0.0, None, found)
     formula = propose(chain, first.place, noise)
     return Unexplained(first.place, places, str(first.against[0]), first.described, formula, found)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import piezo_opt as po
-from piezo_opt.diagnosis import Force, Quantity, correction_force, forces, unexplained
+from piezo_opt.diagnosis import Force, Quantity, forces, unexplained
 from piezo_opt.diagnosis.entering import Entering, _channels, _probe, pieces
 from piezo_opt.diagnosis.noise import structure
 from piezo_opt.effects import AmplifierLag, BoucWen, Delay, Offset, PiezoGain
@@ -185,7 +185,7 @@ def test_two_places_are_asked_at_a_time_and_answer_as_one_after_the_other(
 
 def test_the_correction_does_what_the_planted_force_does() -> None:
     chain = entering("drag")
-    force = correction_force(planted("drag"), Place.MOTION, FLOOR, entering=chain)
+    (force,) = forces(planted("drag"), FLOOR, places=[Place.MOTION], entering=chain)
     rate = force.signals[Quantity.VELOCITY][0]
     planted_force = -2e4 * np.abs(rate) * rate
     true, found = (
@@ -279,7 +279,7 @@ def test_a_place_that_explains_less_is_no_twin() -> None:
 def test_a_place_that_the_model_lacks_is_refused() -> None:
     fit = fitted(STILL, measured(STILL, SHORT, swept(SHORT)))
     with pytest.raises(po.InputError, match="no motion balance that a correction could enter"):
-        correction_force(fit, Place.MOTION, FLOOR)
+        forces(fit, FLOOR, places=[Place.MOTION])
     loopless = po.solve(po.Identification(PiezoGain() + Offset(), fit.records[0]))
     assert Place.LOOP not in Entering(loopless).places
     assert Place.LOOP in Entering(po.solve(fit.question)).places
