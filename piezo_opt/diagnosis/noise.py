@@ -83,9 +83,9 @@ class _Left:
         followed: the function of the drive that correlates most.
         rms: [m].
         correlation: from sample to sample, of a noise of first order.
-        slow: whether that is surely larger than it may be.
-        lines, bursts: shares of its power that stand out of that noise's spectrum, and in time.
-        burst: the largest of those, in words.
+        out: share of its power that stands out of that noise's spectrum, or in time; all of it
+            where the noise would surely be slower than it may be.
+        bursts, burst: the share in time, and the largest burst in words.
         top: mean power at the upper third of the frequencies, between bursts, over that at all.
         news: samples of white noise whose power is known as well.
     """
@@ -94,8 +94,7 @@ class _Left:
     followed: str
     rms: float
     correlation: float
-    slow: bool
-    lines: float
+    out: float
     bursts: float
     burst: str
     top: float
@@ -103,8 +102,7 @@ class _Left:
 
     def is_noise(self, least: float) -> bool:
         """Whether less stands out than an effect of the least worth beside noise."""
-        share = least**2 / (1.0 + least**2)
-        return max(self.lines, self.bursts) < share and not self.slow
+        return self.out * (1.0 + least**2) < least**2
 
 
 @lru_cache(maxsize=_REMEMBERED)
@@ -195,12 +193,11 @@ def _left(fit: Fit) -> _Left:
         if share > bursts:
             bursts, burst = share, _burst(power, found)
     rho = sum(colour.coefficients)
-    deviation = math.sqrt(max(0.0, 1.0 - rho**2) / r.size)
+    slow = rho - 1.96 * math.sqrt(max(0.0, 1.0 - rho**2) / r.size) > _SLOWEST
     return _Left(
-        p_value, followed, rms=float(np.sqrt(np.mean((r / weight) ** 2))),
-        correlation=rho, slow=rho - 1.96 * deviation > _SLOWEST,
-        lines=lines, bursts=bursts, burst=burst, top=top / max(float(r @ r), np.finfo(float).tiny),
-        news=news,
+        p_value, followed, rms=float(np.sqrt(np.mean((r / weight) ** 2))), correlation=rho,
+        out=1.0 if slow else max(lines, bursts), bursts=bursts, burst=burst,
+        top=top / max(float(r @ r), np.finfo(float).tiny), news=news,
     )  # fmt: skip
 
 
