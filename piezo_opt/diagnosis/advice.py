@@ -21,6 +21,7 @@ from piezo_opt.diagnosis.told import Step
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import InputError, PiezoOptError
 from piezo_opt.identification import Fit, solve, with_statistics
+from piezo_opt.identification.problem import plain
 from piezo_opt.identification.unknowns import limits
 from piezo_opt.measurement import Measurement
 from piezo_opt.signals import Drive, best_between, usual
@@ -259,7 +260,8 @@ def _played(fit: Fit, drive: Drive) -> Fit:
     reading = answer.reading(drive.values)
     question = replace(answer.question, records=answer.record(drive.values, reading))
     return replace(
-        fit, question=question, names=answer.names, readings=(reading,), at_bound=(),
+        fit, question=question, names=answer.names, readings=(reading,),
+        at_bound=tuple(n for n in map(plain, fit.at_bound) if n in answer.parameters),
         values=Values({**dict.fromkeys(answer.names, 0.0), **answer.numbers}),
         accuracy=(Accuracy(substeps, 0.0, 1.0),),
     )  # fmt: skip
@@ -319,19 +321,15 @@ def _split_sentence(names: Sequence[str], drive: Drive, sigmas: float, now: floa
     if sigmas < SURE and sigmas <= now:
         return (
             f"No usual drive tells {_listed(names)} apart better than this record, by "
-            f"{_number(now)} sigmas: record longer, or with less noise."
+            f"{now:.1f} sigmas: record longer, or with less noise."
         )
     least = "" if len(names) == 2 else " (the two most alike)"
     faint = "" if sigmas >= SURE else " It takes a longer record, or less noise, to be sure."
     return (
-        f"Play {drive.description}: it separates {_listed(names)} by {_number(sigmas)} "
-        f"sigmas{least}; this record separates them by {_number(now)}.{faint}"
+        f"Play {drive.description}: it separates {_listed(names)} by {sigmas:.1f} "
+        f"sigmas{least}; this record separates them by {now:.1f}.{faint}"
     )
 
 
 def _listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _number(sigmas: float) -> str:
-    return f"{sigmas:.1f}" if sigmas < 10.0 else f"{min(sigmas, 1e6):.0f}"

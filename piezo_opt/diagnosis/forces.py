@@ -60,8 +60,8 @@ ITERATIONS: Final = 200
 FOLDS: Final = 10
 """Stretches of the record, each left out once: the usual number (Kohavi 1995, IJCAI 14, 1137)."""
 DAMPING: Final = 1e-6
-"""Squared share of a column of which the fitted parameters and other columns leave no more than
-the linearisation's error (1e-3 of it): less is not regressed on."""
+"""Squared length that is left of a column of length one where others explain all of it but the
+error of the linearisation, a thousandth: on less nothing is regressed."""
 RATES: Final = (Quantity.DRIVE_RATE, Quantity.VELOCITY)
 """Signals that may multiply a function of another."""
 _HOME: Final = {

@@ -32,15 +32,12 @@ class Rival:
         rate: samples a second of the drives to come [Hz].
         possible: values that are considered where it is true, the fit's own first.
         seed: of the others.
-        tied: whether its parameters may follow only as far as its own fit lets them.
     """
 
-    def __init__(
-        self, fit: Fit, rate: float, possible: int = 1, seed: int = 0, *, tied: bool = True
-    ) -> None:
+    def __init__(self, fit: Fit, rate: float, possible: int = 1, seed: int = 0) -> None:
         self.answer = Answer(fit, rate)
         self.cases = draws(self.answer, possible, seed)
-        self._tied = _tied(self.answer, known=tied)
+        self._tied = _tied(self.answer)
 
     def truths(self, values: FloatArray) -> list[FloatArray]:
         """Readings (N,) [m] of the cases that can be simulated."""
@@ -55,7 +52,7 @@ class Rival:
         return told
 
     def distances(
-        self, values: FloatArray, wanted: Sequence[FloatArray], noise: float, *, steps: int = _STEPS
+        self, values: FloatArray, wanted: Sequence[FloatArray], noise: float
     ) -> list[float] | None:
         """How far this model stays from readings (N,) after Gauss-Newton steps, in sigmas.
 
@@ -67,11 +64,11 @@ class Rival:
             return None
         far, moved = [left for left, _ in found], [at for _, at in found]
         made = [1] * len(far)
-        while far and made[nearest := int(np.argmin(far))] < steps:
+        while far and made[nearest := int(np.argmin(far))] < _STEPS:
             again = self._step(values, moved[nearest], [wanted[nearest]], noise)
             made[nearest] += 1
             if again is None:
-                made[nearest] = steps  # the step led too far: what is known from before it stands
+                made[nearest] = _STEPS  # the step led too far: what is known from before it stands
             else:
                 ((far[nearest], moved[nearest]),) = again
         return far
@@ -158,11 +155,10 @@ def confirmed(rivals: Mapping[str, Rival], values: FloatArray, noise: float) -> 
     return least
 
 
-def _tied(answer: Answer, *, known: bool) -> FloatArray:
+def _tied(answer: Answer) -> FloatArray:
     """(m, k) root of the inverse covariance of the parameters that the fit knows, scaled.
 
-    Unknowns at a bound are tied to it; the start of the new record is free, and where what the fit
-    knows does not count, so is all else.
+    Unknowns at a bound are tied to it; the start of the new record is free.
     """
     fit, k = answer.fit, len(answer.names)
     local = [plain(n) for n in fit.names]
@@ -172,7 +168,7 @@ def _tied(answer: Answer, *, known: bool) -> FloatArray:
         and np.isfinite(fit.covariance[i, i])
     ]  # fmt: skip
     rows = np.zeros((0, k))
-    if known and seen:
+    if seen:
         places = [answer.names.index(local[i]) for i in seen]
         scale = answer.scale[places]
         block = fit.covariance[np.ix_(seen, seen)] / np.outer(scale, scale)

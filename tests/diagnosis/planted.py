@@ -61,6 +61,22 @@ class DriveWave(Effect):
 
 @final
 @dataclass(frozen=True)
+class Hump(Effect):
+    """A damping with a hump in the travel, a law that no library of terms has.
+
+    x'' += -c x' / (1 + ((x - 3 um) / 0.8 um)^2)^2
+    """
+
+    place = Place.MOTION
+    c = Parameter("1/s", "damping", 0.0, null=0.0)
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        field = 1.0 / (1.0 + ((chain.position.value - 3e-6) / 0.8e-6) ** 2)
+        return Equations(gives=-p.c * field**2 * chain.position.rate)
+
+
+@final
+@dataclass(frozen=True)
 class LoopWave(Effect):
     """A loop whose strength waves along the drive.
 
@@ -94,6 +110,7 @@ HIDDEN: Final[Mapping[str, tuple[Effect, Mapping[str, float]]]] = {
     "drag": (Drag(), {"k": 2e4}),
     "drive wave": (DriveWave(), {"a": 2e-8}),
     "input wave": (InputWave(), {"a": 0.25}),
+    "hump": (Hump(), {"c": 60.0}),
     "loop wave": (LoopWave(), {"a": 8e-9}),
 }
 

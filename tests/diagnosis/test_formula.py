@@ -61,6 +61,16 @@ def test_added_as_an_effect_the_error_falls_to_the_noise(name: str, place: Place
     assert abs(richer.values["suspect.size"]) > 10.0 * richer.std["suspect.size"]
 
 
+def test_a_law_that_no_term_has_is_met_by_few() -> None:
+    """Terms that were chosen first make room for better ones once others stand beside them."""
+    fit, formula = planted("hump"), proposed("hump", Place.MOTION)
+    assert len(formula.terms) <= 3
+    assert formula.share > 0.98
+    richer = po.solve(fit.question.with_model(fit.model + formula.as_effect()), start=fit.values)
+    assert fit.rms > 9.0 * NOISE
+    assert richer.rms < 1.25 * NOISE
+
+
 STEEP = (Shape.SIGN, Shape.ROOT, Shape.SIGNED_ROOT)
 
 
