@@ -168,28 +168,24 @@ class Formula:
 
 @lru_cache(maxsize=64)
 def _effect(formula: Formula, name: str) -> Effect:
-    size = formula.coefficients[0]
+    size, terms = formula.coefficients[0], tuple(enumerate(formula.terms, start=1))
     parameters = {"size": _near(formula.place.unit, "size of the first term", size, 3.0, null=0.0)}
-    for k, c in enumerate(formula.coefficients[1:], start=2):
-        parameters[f"ratio_{k}"] = _near("1", f"term {k} over the first", c / size, 3.0)
-    lengths: list[str | None] = []
-    for wave in (term.wave for term in formula.terms):
-        key = None if wave is None else f"length_{wave.quantity.name.lower()}"
-        if wave is not None and key is not None:
-            number = 1 + sum(one.startswith(key) for one in parameters)
-            key += f"_{number}" * (number > 1)
-            bounds = 0.5 * wave.scale, 2.0 * wave.scale
-            parameters[key] = _near(
-                wave.quantity.unit, "wavelength over 2 pi", wave.scale, 1.1, bounds=bounds
-            )
-        lengths.append(key)
+    for k, term in terms:
+        if k > 1:
+            ratio = formula.coefficients[k - 1] / size
+            parameters[f"ratio_{k}"] = _near("1", f"term {k} over the first", ratio, 3.0)
+        if (wave := term.wave) is not None:
+            parameters[_length(k, wave)] = _near(
+                wave.quantity.unit, "wavelength over 2 pi", wave.scale, 1.1,
+                bounds=(0.5 * wave.scale, 2.0 * wave.scale),
+            )  # fmt: skip
 
     def equations(_: Effect, chain: Chain, __: Any, p: Any) -> Equations:
         total: Expression = chain.incoming.value if formula.place.is_line else 0.0
-        for k, (term, length) in enumerate(zip(formula.terms, lengths, strict=True), start=1):
+        for k, term in terms:
             value = p.size if k == 1 else p.size * getattr(p, f"ratio_{k}")
             for factor in term.factors:
-                scale = getattr(p, str(length)) if factor.shape.is_wave else factor.scale
+                scale = getattr(p, _length(k, factor)) if factor.shape.is_wave else factor.scale
                 signal = _read(chain, formula.place, factor.quantity)
                 value = value * factor.shape.of(signal / scale, _SYMBOLIC)
             total = total + value
@@ -200,6 +196,11 @@ def _effect(formula: Formula, name: str) -> Effect:
         __doc__=f"Proposed by the correction force.\n\n    {formula}\n",
         __reduce__=lambda _: (_effect, (formula, name)), equations=equations,
     )  # fmt: skip
+
+
+def _length(k: int, wave: Factor) -> str:
+    """Name of the wavelength of term k."""
+    return f"length_{wave.quantity.name.lower()}" + f"_{k}" * (k > 1)
 
 
 def _near(unit: str, meaning: str, value: float, factor: float, **more: Any) -> Parameter:

@@ -170,30 +170,32 @@ class _Columns:
     def selected(self, noise: NoiseFloor) -> Formula | None:
         """The sum that explains what is worth it; None where no term is."""
         r = self._chain.residual
+
+        def judged(indices: list[int]) -> tuple[float, float, float]:
+            left = left_out(self._columns[:, indices], r)
+            return *share_of(r, left, noise), float(left.sum())
+
         chosen: list[int] = []
         share, error, before = 0.0, 0.0, np.inf
         while len(chosen) < MOST_TERMS:
             grown = [*chosen, self._best(chosen)]
-            left = left_out(self._columns[:, grown], r)
-            now, its_error = share_of(r, left, noise)
-            if now - its_error <= share or before < (1.0 + WORTH**2) * left.sum():
+            now, its_error, left = judged(grown)
+            if now - its_error <= share or before < (1.0 + WORTH**2) * left:
                 break
             for _ in range(2 * len(grown) * bool(chosen)):
                 grown = [*grown[1:], self._best(grown[1:])]
-            left = left_out(self._columns[:, grown], r)
-            chosen, before = grown, float(left.sum())
-            share, error = share_of(r, left, noise)
+            chosen, (share, error, before) = grown, judged(grown)
         if not chosen:
             return None
         # Other first terms that explain as much but for the error; a wave is no rival.
         gains = self._gains(chosen[1:], self._columns)
-        gains[[k for k, term in enumerate(self._terms) if term.wave or k in chosen]] = -np.inf
-        least = self._gains(chosen[1:], self._columns)[chosen[0]] - error * beyond(r, noise)
-        rivals = [k for k in np.argsort(-gains)[:3].tolist() if gains[k] > least]
+        least = gains[chosen[0]] - error * beyond(r, noise)
+        rivals = [
+            str(self._terms[k]) for k in np.argsort(-gains).tolist()
+            if gains[k] > least and k not in chosen and self._terms[k].wave is None
+        ]  # fmt: skip
         terms = tuple(self._terms[k] for k in chosen)
         columns, lengths = self._entered(terms)
         size, *_ = np.linalg.lstsq(columns, r)
-        return Formula(
-            self._place, terms, tuple((size / lengths).tolist()), min(share, 1.0),
-            tuple(str(self._terms[k]) for k in rivals),
-        )  # fmt: skip
+        coefficients = tuple((size / lengths).tolist())
+        return Formula(self._place, terms, coefficients, min(share, 1.0), tuple(rivals[:3]))
