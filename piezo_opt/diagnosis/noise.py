@@ -184,11 +184,10 @@ def _left(fit: Fit) -> _Left:
         coloured, even = power * density, np.ones(part.size)
         own = _beyond(power, even[: power.size], found)
         lines = max(lines, own, _beyond(coloured, density, found))
-        # Ordinates of noise are exponentially distributed, and lines do not move their median.
-        high = float(np.median(coloured[2 * power.size // 3 :])) / math.log(2.0)
+        level = float(coloured[2 * power.size // 3 :].mean())
         white, power = np.square(white), np.square(part)
         found = crowded(white, 1)
-        top += high / float(coloured.mean() or 1.0) * float(power[~found].sum())
+        top += level * float(white[~found].sum() / max(white.sum(), np.finfo(float).tiny))
         share = max(_beyond(white, even, found), _beyond(power, even, found))
         if share > bursts:
             bursts, burst = share, _burst(power, found)
