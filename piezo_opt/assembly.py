@@ -256,6 +256,8 @@ class _Assembler:
         self.free = _signal("free")
         self.acceleration = ca.SX.sym("acceleration")
         self.law = ca.SX.sym("law")
+        self.hysteresis = ca.SX.sym("hysteresis")
+        self.remembered: Expression = 0.0
         self.moves: dict[str, Expression] = {}
         self.starts: dict[str, Expression] = {}
         self.becomes: dict[str, Expression] = {}
@@ -287,7 +289,7 @@ class _Assembler:
             command=self.command,
             incoming=incoming,
             drive=self.drive,
-            hysteresis=ca.SX(0.0) if loop is None else self.x[loop],
+            hysteresis=self.hysteresis if loop is None else self.x[loop],
             law=self.law,
             free=self.free,
             position=position,
@@ -359,8 +361,11 @@ class _Assembler:
 
     def _sum(self, place: Place) -> Expression:
         total = ca.SX(0.0)
-        for name, _ in self.model.at(place):
-            total += self._ask(name, self.drive)
+        for name, effect in self.model.at(place):
+            given = self._ask(name, self.drive)
+            total += given
+            if effect.is_hysteresis_law:
+                self.remembered = -given
         return total
 
     def functions(self) -> dict[str, ca.Function | None]:
@@ -387,7 +392,11 @@ class _Assembler:
                 "The model has a position but nothing moves it: add SecondOrder() or Spring()."
             )
 
-        values = {"drive": (self.drive.value, drive), "free": (self.free.value, free)}
+        values = {
+            "drive": (self.drive.value, drive),
+            "free": (self.free.value, free),
+            "hysteresis": (self.hysteresis, self.remembered),
+        }
         resolve_values = _in_order(values)
         total_rate = self._total_rate(resolve_values)
         rates = {

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import final
 
-from piezo_opt.effects.base import Effect, Place
+from piezo_opt.effects.base import Effect
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.effects.model import Model
 from piezo_opt.identification import Identification
@@ -90,12 +90,7 @@ class Members:
 
 def law(model: Model) -> str | None:
     """Name of a model's hysteresis law."""
-    return next((name for name, effect in model.named if is_law(effect)), None)
-
-
-def is_law(effect: Effect) -> bool:
-    """Whether an effect is a hysteresis law."""
-    return effect.structural and effect.place is Place.STRAIN and bool(effect.states)
+    return model.hysteresis
 
 
 def _place(effect: Effect) -> tuple[int, str]:

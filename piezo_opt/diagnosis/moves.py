@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.book import Book, Start
-from piezo_opt.diagnosis.members import Members, is_law
+from piezo_opt.diagnosis.members import Members
 from piezo_opt.diagnosis.richer import freed, in_detail
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.effects.base import Effect, Place
@@ -152,9 +152,9 @@ def laws(at: Members, fit: Fit, withheld: Sequence[str], book: Book) -> list[Sta
 
 def hysteresis_laws(withheld: Sequence[str]) -> list[Effect]:
     """The hysteresis laws of the catalogue, each in its finer form as well."""
-    laws = [kind() for name, kind in CATALOGUE.items() if name not in withheld]
+    kinds = [kind() for name, kind in CATALOGUE.items() if name not in withheld]
     found: list[Effect] = []
-    for law in filter(is_law, laws):
+    for law in (kind for kind in kinds if kind.is_hysteresis_law):
         finer, _ = law.finer({name: p.nominal for name, p in law.parameters.items()})
         found += [law] if finer == law else [law, finer]
     return found
@@ -243,9 +243,8 @@ def _allowed(members: Members) -> bool:
         model = members.model
     except ModelError:
         return False
-    return all(
-        "motion" not in e.requires or not model.quasi_static for e in members.effects
-    ) and all("loop" not in e.requires or model.loop is not None for e in members.effects)
+    needs = tuple(n.removeprefix("channel:") for e in members.effects for n in e.requires)
+    return all(model.refusal(effect, needs) is None for effect in members.effects)
 
 
 def _laws_starts(law: Effect, drive: FloatArray) -> list[dict[str, float]]:

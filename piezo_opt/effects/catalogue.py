@@ -38,6 +38,7 @@ from piezo_opt.effects.output.sensor_nonlinearity import SensorNonlinearity
 from piezo_opt.effects.strain.bouc_wen import BoucWen
 from piezo_opt.effects.strain.creep import Creep
 from piezo_opt.effects.strain.dahl import Dahl
+from piezo_opt.effects.strain.duhem import Duhem
 from piezo_opt.effects.strain.generalised_bouc_wen import GeneralisedBoucWen
 from piezo_opt.effects.strain.maxwell_slip import MaxwellSlip
 from piezo_opt.effects.strain.nonlinear_gain import NonlinearGain
@@ -67,6 +68,7 @@ CATALOGUE: Mapping[str, type[Effect]] = MappingProxyType(
             BoucWen,
             GeneralisedBoucWen,
             Dahl,
+            Duhem,
             PrandtlIshlinskii,
             MaxwellSlip,
             Preisach,

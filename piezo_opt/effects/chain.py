@@ -30,7 +30,8 @@ class Chain:
         command: the recorded drive [V] and its rate.
         incoming: on a line: the signal as the effect before left it.
         drive: end of the INPUT line [V].
-        hysteresis: the hysteretic displacement h of the model's loop [m] (0 without one).
+        hysteresis: the hysteretic displacement h [m]: what the hysteresis law takes from the
+            strain (0 without one).
         law: the rate of h by its own law [m/s], before the LOOP balance adds to it.
         free: free displacement s, the sum of the STRAIN balance [m], and its rate.
         position: position x [m] and velocity x' [m/s]; equal to ``free`` when quasi-static.

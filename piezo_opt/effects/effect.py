@@ -102,7 +102,8 @@ class Effect(ABC):
 
     @property
     def requires(self) -> tuple[str, ...]:
-        """What the chain must hold: ``"loop"``, ``"motion"`` or ``"channel:NAME"``."""
+        """What the chain must hold: ``"loop"``, ``"hysteresis"``, ``"motion"`` or
+        ``"channel:NAME"``."""
         return ()
 
     @abstractmethod
@@ -170,6 +171,11 @@ class Effect(ABC):
             for name, state in self._states.items()
             if (not state.when or self._has(state.when)) and not self._has(state.unless)
         }
+
+    @property
+    def is_hysteresis_law(self) -> bool:
+        """Whether it is what the strain remembers."""
+        return self.structural and self.place is Place.STRAIN and bool(self.states)
 
     @property
     def gate(self) -> str | None:

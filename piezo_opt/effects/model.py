@@ -119,6 +119,11 @@ class Model:
         )
 
     @property
+    def hysteresis(self) -> str | None:
+        """Name of the hysteresis law: what the strain remembers, whether by a loop or by plays."""
+        return next((n for n, e in self.named if e.is_hysteresis_law), None)
+
+    @property
     def quasi_static(self) -> bool:
         """Whether the position follows the free displacement at once (no mechanics)."""
         return not any(s.position for _, e in self.named for s in e.declared_states.values())
@@ -140,6 +145,11 @@ class Model:
                 return (
                     f"{effect.name} adds to the rate of a hysteresis loop and the model has none: "
                     "add BoucWen() first."
+                )
+            if need == "hysteresis" and self.hysteresis is None:
+                return (
+                    f"{effect.name} acts on the hysteresis and the model has none: add BoucWen() "
+                    "first."
                 )
             if need == "motion" and self.quasi_static:
                 return (

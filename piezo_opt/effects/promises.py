@@ -95,7 +95,7 @@ def check_promises(effect: Effect, assembled: Callable[[Model], Assembled]) -> N
     for need in (effect.requires,) if isinstance(effect.requires, str) else effect.requires:
         if isinstance(effect.requires, str) or not _is_need(need):
             raise ModelError(
-                f"{where}: requires is {effect.requires!r}: write a tuple of 'loop', 'motion' or "
+                f"{where}: requires is {effect.requires!r}: write a tuple of 'loop', 'hysteresis', 'motion' or "
                 "'channel:NAME', such as ('motion',)."
             )
     for name, unit in (
@@ -151,7 +151,9 @@ def _compare(where: str, told: tuple[str, ...], gate: str, own: Any, plain: Any)
 
 
 def _is_need(need: object) -> bool:
-    return isinstance(need, str) and (need in ("loop", "motion") or need.startswith("channel:"))
+    return isinstance(need, str) and (
+        need in ("loop", "hysteresis", "motion") or need.startswith("channel:")
+    )
 
 
 def _drawn(random: np.random.Generator, parameter: Any) -> float:

@@ -260,8 +260,8 @@ class _List:
             "drive'": lambda: self.line_rate(Place.INPUT, len(own.at[Place.INPUT]) - 1),
             "free": lambda: self.total(Place.STRAIN),
             "free'": lambda: self.total(Place.STRAIN, rate=True),
-            "hysteresis": lambda: self._flagged("loop"),
-            "hysteresis'": lambda: self._flagged("loop", RATE),
+            "hysteresis": self._remembered,
+            "hysteresis'": lambda: self._remembered(RATE),
             "law": self._law,
             "position": lambda: self._flagged("position", otherwise="free"),
             "position'": lambda: (
@@ -281,6 +281,15 @@ class _List:
         if flagged is not None:
             return self.number(f"{STATE}{'.'.join(flagged)}{end}"), 1.0
         return (self.number(otherwise) if otherwise else self.own.constant(0.0)), 1.0
+
+    def _remembered(self, end: str = "") -> Signed:
+        """What the hysteresis law takes from the strain, or how fast that changes."""
+        law = self.own.model.hysteresis
+        if law is None or "loop" in self.own.flagged:
+            return self._flagged("loop", end)
+        form = self.own.forms[law]
+        slot, sign = self.term(law, form.rate if end else form.gives)
+        return slot, -sign
 
     def _law(self) -> Signed:
         if "loop" not in self.own.flagged:

@@ -23,6 +23,7 @@ from piezo_opt.effects import (
     Dahl,
     DeadZone,
     Drift,
+    Duhem,
     Effect,
     Friction,
     GeneralisedBoucWen,
@@ -386,16 +387,104 @@ def test_an_uneven_loop_is_driven_harder_while_the_drive_rises() -> None:
 
 def test_rate_dependence_has_one_form() -> None:
     assert [RateDependence(**form).gate for form in RateDependence.variants] == [
-        "r", "r", "strength", "share",
+        "r", "r", "strength", "share", "share", "share",
     ]  # fmt: skip
 
 
 def test_an_asymmetry_has_one_form() -> None:
     assert [Asymmetry(**form).gate for form in Asymmetry.variants] == [
-        "delta", "growth", "growth", "chi", "excess",
+        "delta", "growth", "growth", "chi", "excess", "growth", "delta",
     ]  # fmt: skip
     with pytest.raises(ModelError, match=r"has 2 gates \(growth, chi\)"):
         Asymmetry(bent=True, sided=True)
+
+
+PLAYS = {"prandtl_ishlinskii.rho": 4e-8, "prandtl_ishlinskii.decay": 0.7,
+         "prandtl_ishlinskii.r": 30.0}  # fmt: skip
+
+
+def stopped(drive: NDArray[Any]) -> FloatArray:
+    """h of seven plays with the numbers of PLAYS, by the textbook's recursion."""
+    weights = 4e-8 / 7 * np.exp(-0.7 * np.arange(7) / 7)
+    z = plays(drive, 30.0 * np.arange(1, 8) / 7)
+    return np.asarray((drive[:, None] - z) @ weights)
+
+
+def test_a_scaled_loop_is_the_law_times_its_height() -> None:
+    time, drive = wander()
+    values = {**PLAYS, "asymmetry.growth": 8e-3}
+    scaled = PiezoGain() + PrandtlIshlinskii(7) + Asymmetry(scaled=True)
+    reading, _ = respond(scaled, time, drive, values, 1.0)
+    expected = GAIN * drive - (1.0 + 8e-3 * drive) * stopped(drive)
+    np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-13)
+
+
+def test_a_loop_beside_another_is_what_a_linear_law_adds() -> None:
+    time, drive = wander()
+    law = {"bouc_wen.beta": 0.03, "asymmetry.delta": 2e-10}
+    one, _ = respond(PiezoGain() + BoucWen() + Asymmetry(), time, drive, law, 1e-2)
+    beside = PiezoGain() + BoucWen() + Asymmetry(beside=True)
+    two, _ = respond(beside, time, drive, {**law, "asymmetry.forgets": 0.03}, 1e-2)
+    np.testing.assert_allclose(two, one, rtol=0, atol=1e-9 * np.ptp(one))
+
+
+def test_a_share_of_a_lagging_loop_comes_late() -> None:
+    time = np.linspace(0.0, 2.0, 401)
+    drive = 60.0 * np.minimum(time, 1.0)
+    values = {**PLAYS, "rate_dependence.share": 0.3, "rate_dependence.tau": 0.2}
+    lagging = PiezoGain() + PrandtlIshlinskii(7) + RateDependence(lagging=True)
+    reading, states = respond(lagging, time, drive, values, 1e-3)
+    h, z = stopped(drive), states["rate_dependence.z"]
+    np.testing.assert_allclose(
+        reading, GAIN * drive - h - 0.3 * (z - h), rtol=0, atol=1e-13 * np.ptp(drive)
+    )
+    held = time >= 1.0
+    late = (h - z)[held]
+    np.testing.assert_allclose(
+        late, late[0] * np.exp(-(time[held] - 1.0) / 0.2), rtol=1e-6, atol=1e-18
+    )
+    assert late[0] > 0.01 * h[-1]
+
+
+def test_a_paced_loop_is_higher_after_it_was_run_through_fast() -> None:
+    time = np.linspace(0.0, 2.0, 401)
+    drive = 60.0 * np.minimum(time, 1.0)
+    values = {**PLAYS, "rate_dependence.share": 2.0, "rate_dependence.tau": 0.2}
+    paced = PiezoGain() + PrandtlIshlinskii(7) + RateDependence(paced=True)
+    reading, states = respond(paced, time, drive, values, 1e-3)
+    full = 60.0 / 1e4 * (1.0 - np.exp(-np.minimum(time, 1.0) / 0.2))
+    w = full * np.exp(-np.maximum(time - 1.0, 0.0) / 0.2)
+    np.testing.assert_allclose(states["rate_dependence.w"], w, rtol=1e-6, atol=1e-12)
+    expected = GAIN * drive - (1.0 + 2.0 * np.sqrt(w)) * stopped(drive)
+    np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-6 * np.ptp(drive) * GAIN)
+
+
+def test_what_asks_no_rate_acts_beside_plays_and_the_rest_says_why_not() -> None:
+    model = PiezoGain() + MaxwellSlip()
+    for effect in (*Asymmetry().entries(), *RateDependence().entries()):
+        refusal = model.refusal(effect)
+        assert (refusal is None) is (effect.place is Place.STRAIN)
+    assert "acts on the hysteresis" in (Model.of(PiezoGain()).refusal(Asymmetry(scaled=True)) or "")
+
+
+def test_duhem_with_a_broad_curve_is_bouc_wen_with_an_asymmetry() -> None:
+    time, drive = wander()
+    law = {"duhem.beta": 0.03, "duhem.b": 1e6, "duhem.sigma": 1e-8}
+    one, _ = respond(PiezoGain() + Duhem(), time, drive, law, 1e-2)
+    plain = {"bouc_wen.beta": 0.03, "asymmetry.delta": 0.03 * 1e-8}
+    two, _ = respond(PiezoGain() + BoucWen() + Asymmetry(), time, drive, plain, 1e-2)
+    np.testing.assert_allclose(one, two, rtol=0, atol=1e-8 * np.ptp(two))
+
+
+def test_duhem_goes_to_its_curve_on_either_branch() -> None:
+    time = np.linspace(0.0, 1.0, 101)
+    law = {"duhem.alpha": 2e-8, "duhem.beta": 0.2, "duhem.sigma": 1e-8, "duhem.b": 40.0,
+           "duhem.c": -10.0}  # fmt: skip
+    _, states = respond(PiezoGain() + Duhem(), time, 1000.0 * time, law, 1e-3)
+    # Far above its middle the curve is flat, and h is alpha / beta above it.
+    assert states["duhem.h"][-1] == pytest.approx(1e-8 * 40.0 + 2e-8 / 0.2, rel=1e-6)
+    _, states = respond(PiezoGain() + Duhem(), time, -1000.0 * time, law, 1e-3)
+    assert states["duhem.h"][-1] == pytest.approx(-1e-8 * 40.0 - 2e-8 / 0.2, rel=1e-6)
 
 
 def wander(size: int = 300) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -586,7 +675,9 @@ def test_a_fit_finds_dead_zones_from_a_symmetric_start(share: float) -> None:
     assert fit.values["prandtl_ishlinskii.t"] == pytest.approx(BENT["t"], rel=0.02)
 
 
-@pytest.mark.parametrize("law", [PrandtlIshlinskii(), MaxwellSlip(), Preisach()])
+@pytest.mark.parametrize(
+    "law", [PrandtlIshlinskii(), MaxwellSlip(), MaxwellSlip(free=True), Preisach()]
+)
 def test_play_laws_do_not_depend_on_the_sampling_and_forget_inner_loops(law: Effect) -> None:
     time, drive = wander()
     coarse, _ = respond(PiezoGain() + law, time, drive, longest=1.0)
@@ -611,6 +702,27 @@ def test_maxwell_slip_has_its_stiffness_at_a_turn_and_slips_at_h() -> None:
     assert lost[-1] == pytest.approx(2e-6, rel=1e-12)
     first = 2e-6 / 3 * (1 / 100 + 1 / 50 + 1 / 25)
     np.testing.assert_allclose(lost[:20], first * drive[:20], rtol=1e-9, atol=1e-20)
+
+
+def test_free_elements_begin_at_the_same_loop_and_slip_each_on_its_own() -> None:
+    time, drive = wander()
+    own = {"h": 2e-6, "r": 45.0, "spacing": 0.55}
+    free, start = MaxwellSlip().finer(own)
+    coarse = {f"maxwell_slip.{k}": v for k, v in own.items()}
+    begun = {"maxwell_slip.r": 45.0, **{f"maxwell_slip.{k}": v for k, v in start.items()}}
+    one, _ = respond(PiezoGain() + MaxwellSlip(), time, drive, coarse, 1.0)
+    two, _ = respond(PiezoGain() + free, time, drive, begun, 1.0)
+    np.testing.assert_allclose(two, one, rtol=0, atol=1e-12 * np.ptp(one))
+    radii = 45.0 * np.cumprod([1.0, 0.9, 0.3, 0.8, 0.5, 0.7, 0.6, 0.4])
+    carried = 1e-7 * np.array([3.0, 1.0, 4.0, 1.0, 5.0, 9.0, 2.0, 6.0])
+    apart = {f"maxwell_slip.h{i + 1}": v for i, v in enumerate(carried)}
+    ratios = radii[1:] / radii[:-1]
+    apart |= {f"maxwell_slip.q{i + 2}": v for i, v in enumerate(ratios)}
+    reading, _ = respond(
+        PiezoGain() + free, time, drive, {"maxwell_slip.r": 45.0, **apart}, 1.0
+    )  # fmt: skip
+    expected = GAIN * drive - ((drive[:, None] - plays(drive, radii)) / radii) @ carried
+    np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-13)
 
 
 def test_preisach_with_a_broad_density_is_prandtl_ishlinskii() -> None:

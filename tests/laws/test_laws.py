@@ -175,7 +175,7 @@ def simulator(
 
 def instant(system: System, rng: np.random.Generator, still: bool = False) -> list[Any]:
     """Time, states, drive, channels and their rates of some moment, of sizes that occur."""
-    size = {"m": 1e-5, "m/s": 1e-2, "V": 30.0, "s": 1e-3, "1": 1.0}
+    size = {"m": 1e-5, "m/s": 1e-2, "V": 30.0, "V^2": 900.0, "s": 1e-3, "1": 1.0}
     scale = np.array([size[unit] for unit in system.state_units])
     x = scale * rng.standard_normal(scale.size)
     channels = len(system.channel_names)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, final
 
-from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place
+from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
 from piezo_opt.symbolic import abs_, cos, max_, sin
 
 _LEAST = 0.05
@@ -22,6 +22,8 @@ class Asymmetry(Effect):
         h' += growth v L,   L the law's own h'         bent
         h' += -chi (|v'| |h| cos(theta) + v' h sin(theta))   sided
         h' += excess |v'| (1 + tilt v)   uneven
+        s += -growth v h   scaled
+        s += -delta q,   q' = |v'| [v (1 + bend v^2) - forgets q]   beside
 
     The first, with bend kept at 0 unless freed, depends on the sign of the drive; |v'| in place of
     sign(v') keeps the loop independent of the rate at which it is run through. A growing loop is as
@@ -30,7 +32,9 @@ class Asymmetry(Effect):
     is driven by v + growth v^2 / 2, as long as that rises with v. A sided one gives way sooner on
     one side: theta = 0 where h is positive, theta = pi/2 where the drive rises. An uneven one is
     driven by alpha + excess while the drive rises and alpha - excess while it falls; tilt is kept
-    at 0 unless freed.
+    at 0 unless freed. A scaled one takes 1 + growth v times what the law takes from the strain, and
+    one beside it forgets what it was like the law of its own. These two ask no rate of the law, and
+    act beside plays, too.
 
     References: after Zhu & Wang (2012), Sensors and Actuators A 181, 51-60 (non-symmetrical
     Bouc-Wen model for piezoelectric ceramic actuators); Song & Der Kiureghian (2006), J. Eng.
@@ -41,24 +45,26 @@ class Asymmetry(Effect):
     bent: bool = False
     sided: bool = False
     uneven: bool = False
-    place = Place.LOOP
-    requires = ("loop",)
+    scaled: bool = False
+    beside: bool = False
     variants = (
         {"growing": False}, {"growing": True}, {"bent": True}, {"sided": True}, {"uneven": True},
+        {"scaled": True}, {"beside": True},
     )  # fmt: skip
-    rarer = ("growing", "bent", "sided", "uneven")
+    rarer = ("growing", "bent", "sided", "uneven", "scaled", "beside")
+    q = State("V^2", "asymmetrical part of the loop, over delta", when="beside")
     delta = Parameter(
         "m/V^2", "strength of the asymmetry", nominal=0.0, bounds=(-1e-3, 1e-3),
-        typical=(-1e-10, 1e-10), null=0.0, unless=("growing", "bent", "sided", "uneven"),
+        typical=(-1e-10, 1e-10), null=0.0, unless=("growing", "bent", "sided", "uneven", "scaled"),
     )  # fmt: skip
     bend = Parameter(
         "1/V^2", "cubic over linear growth with the drive", nominal=0.0, bounds=(-1e6, 1e6),
         typical=(-1e-4, 1e-4), fixed=True, detail=True,
-        unless=("growing", "bent", "sided", "uneven"),
+        unless=("growing", "bent", "sided", "uneven", "scaled"),
     )  # fmt: skip
     growth = Parameter(
         "1/V", "growth of the loop with the drive", nominal=0.0, bounds=(-1e3, 1e3),
-        typical=(-1e-2, 1e-2), null=0.0, when=("growing", "bent"),
+        typical=(-1e-2, 1e-2), null=0.0, when=("growing", "bent", "scaled"),
     )  # fmt: skip
     eta = Parameter(
         "m/V", "strength of the loop at 0 V", nominal=3e-8, bounds=(0.0, 1e-3),
@@ -81,10 +87,29 @@ class Asymmetry(Effect):
         "1/V", "growth of the excess with the drive", nominal=0.0, bounds=(-1e3, 1e3),
         typical=(-1e-2, 1e-2), fixed=True, detail=True, when="uneven",
     )  # fmt: skip
+    forgets = Parameter(
+        "1/V", "how soon the part beside the law forgets", nominal=2e-2, bounds=(0.0, 1e3),
+        typical=(2e-3, 2e-1), when="beside",
+    )  # fmt: skip
+
+    @property
+    def place(self) -> Place:
+        """Beside the law on the strain where it asks no rate of the law, else on the loop."""
+        return Place.STRAIN if self.scaled or self.beside else Place.LOOP
+
+    @property
+    def requires(self) -> tuple[str, ...]:
+        """A hysteresis law, with a rate where it adds to that."""
+        return ("loop",) if self.place is Place.LOOP else ("hysteresis",)
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
-        """Own share of the loop's rate."""
+        """Own share of the loop's rate, or what it adds to the strain beside the law."""
         v, rate, h = chain.drive.value, chain.drive.rate, chain.hysteresis
+        if self.scaled:
+            return Equations(gives=-p.growth * v * h)
+        if self.beside:
+            moves = abs_(rate) * (v * (1.0 + p.bend * v * v) - p.forgets * x.q)
+            return Equations(gives=-p.delta * x.q, moves={"q": moves})
         if self.growing:
             height = max_(1.0 + p.growth * v, _LEAST)
             return Equations(gives=p.growth * rate * (p.eta * v + h / height))
