@@ -161,11 +161,11 @@ def search(
                     starts += _exchanged(book, at, offered, effort, threads)
                 book.race(starts)
                 quiet = is_noise(book.settled(book.best), least)
-                if at.law == book.base.law and not done:
+                if at.law == book.base.law and (len(at.names) > 1 or not done):
                     # Laws have more numbers than an effect and come to their own later: at the foot
                     # all go on, unless an effect has been enough.
                     book.race(
-                        laws(at, fit, withheld, book),
+                        _lawful(at, fit, withheld, book, done=done),
                         everyone=not (quiet or at.effects),
                         beyond=book[book.best].rms if quiet else float("inf"),
                     )
@@ -241,6 +241,25 @@ def _exchanged(
         if rest in book:
             starts += details(book[rest], book)
     return starts
+
+
+def _lawful(
+    at: Members, fit: Fit, withheld: Sequence[str], book: Book, *, done: bool
+) -> list[Start]:
+    """Another law in the place of the base model's own, and in that of it and one of two effects:
+    what an effect does beside one law, another may do by itself.
+
+    Without effects, with the details and mechanics that the own law asked for: a law is judged by
+    what is left of the loop, and not by what a resonance leaves.
+    """
+    if not at.effects:
+        own = (m for m in book.leading if not m.effects and m.law == at.law)
+        at = next(own, at)
+        fit = book.settled(at)
+    places = [] if done else [at]
+    if len(at.names) > 1:
+        places += [at.without(name) for name in at.names]
+    return [start for place in places for start in laws(place, fit, withheld, book)]
 
 
 def _named(at: Members) -> str:

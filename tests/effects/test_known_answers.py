@@ -467,9 +467,9 @@ def test_what_asks_no_rate_acts_beside_plays_and_the_rest_says_why_not() -> None
     assert "acts on the hysteresis" in (Model.of(PiezoGain()).refusal(Asymmetry(scaled=True)) or "")
 
 
-def test_duhem_with_a_broad_curve_is_bouc_wen_with_an_asymmetry() -> None:
+def test_duhem_with_a_straight_curve_is_bouc_wen_with_an_asymmetry() -> None:
     time, drive = wander()
-    law = {"duhem.beta": 0.03, "duhem.b": 1e6, "duhem.sigma": 1e-8}
+    law = {"duhem.beta": 0.03, "duhem.sigma": 1e-8}
     one, _ = respond(PiezoGain() + Duhem(), time, drive, law, 1e-2)
     plain = {"bouc_wen.beta": 0.03, "asymmetry.delta": 0.03 * 1e-8}
     two, _ = respond(PiezoGain() + BoucWen() + Asymmetry(), time, drive, plain, 1e-2)
@@ -478,13 +478,13 @@ def test_duhem_with_a_broad_curve_is_bouc_wen_with_an_asymmetry() -> None:
 
 def test_duhem_goes_to_its_curve_on_either_branch() -> None:
     time = np.linspace(0.0, 1.0, 101)
-    law = {"duhem.alpha": 2e-8, "duhem.beta": 0.2, "duhem.sigma": 1e-8, "duhem.b": 40.0,
+    law = {"duhem.alpha": 2e-8, "duhem.beta": 0.2, "duhem.sigma": 1e-8, "duhem.k": 0.025,
            "duhem.c": -10.0}  # fmt: skip
     _, states = respond(PiezoGain() + Duhem(), time, 1000.0 * time, law, 1e-3)
     # Far above its middle the curve is flat, and h is alpha / beta above it.
-    assert states["duhem.h"][-1] == pytest.approx(1e-8 * 40.0 + 2e-8 / 0.2, rel=1e-6)
+    assert states["duhem.h"][-1] == pytest.approx(1e-8 * 40.0 + 2e-8 / 0.2, rel=1e-3)
     _, states = respond(PiezoGain() + Duhem(), time, -1000.0 * time, law, 1e-3)
-    assert states["duhem.h"][-1] == pytest.approx(-1e-8 * 40.0 - 2e-8 / 0.2, rel=1e-6)
+    assert states["duhem.h"][-1] == pytest.approx(-1e-8 * 40.0 - 2e-8 / 0.2, rel=1e-3)
 
 
 def wander(size: int = 300) -> tuple[NDArray[Any], NDArray[Any]]:

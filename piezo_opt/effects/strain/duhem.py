@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
-from piezo_opt.symbolic import abs_, tanh
+from piezo_opt.symbolic import abs_, sqrt
 
 
 @final
@@ -14,12 +14,12 @@ from piezo_opt.symbolic import abs_, tanh
 class Duhem(Effect):
     """Hysteretic displacement that goes to a curve of the drive, in the place of bouc_wen.
 
-        h' = alpha v' + beta |v'| [sigma S(v) - h],   S(v) = b tanh((v - c) / b)
+        h' = alpha v' + beta |v'| (sigma e / sqrt(1 + k^2 e^2) - h),   e = v - c
         s += -h
 
-    On either branch h relaxes to the curve sigma S and is as far off it as alpha says. With
-    sigma = 0 it is Bouc-Wen without its gamma; with a broad b the law of Coleman and Hodgdon with
-    straight lines.
+    h relaxes to a curve of the drive and is as far off it on either branch as alpha says. With
+    sigma = 0 it is Bouc-Wen without its gamma; with k = 0 (the default, kept fixed like c, which an
+    offset replaces then) the curve is a line.
 
     References: Coleman & Hodgdon (1986), Int. J. Engineering Science 24(6), 897-919; Visintin
     (1994), Differential Models of Hysteresis, Springer, ch. V (Duhem models).
@@ -38,16 +38,19 @@ class Duhem(Effect):
         "m/V", "slope of the curve in its middle", nominal=0.0, bounds=(-1e-3, 1e-3),
         typical=(-1e-7, 1e-7),
     )  # fmt: skip
-    b = Parameter(
-        "V", "breadth of the curve", nominal=100.0, bounds=(1e-6, 1e6), typical=(1.0, 300.0)
-    )
+    k = Parameter(
+        "1/V", "bend of the curve: it is flat from 1/k on", nominal=0.0, bounds=(0.0, 1e3),
+        typical=(0.0, 1e-1), fixed=True, detail=True,
+    )  # fmt: skip
     c = Parameter(
-        "V", "middle of the curve", nominal=0.0, bounds=(-1e6, 1e6), typical=(-50.0, 100.0)
-    )
+        "V", "middle of the curve", nominal=0.0, bounds=(-1e6, 1e6), typical=(-50.0, 100.0),
+        fixed=True, detail=True,
+    )  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The loop's rate, and its contribution to the free displacement."""
-        v, rate = chain.drive.value, chain.drive.rate
-        curve = p.sigma * p.b * tanh((v - p.c) / p.b)
+        e, rate = chain.drive.value - p.c, chain.drive.rate
+        bend = p.k * e
+        curve = p.sigma * e / sqrt(1.0 + bend * bend)
         moves = p.alpha * rate + p.beta * abs_(rate) * (curve - x.h)
         return Equations(gives=-x.h, moves={"h": moves})
