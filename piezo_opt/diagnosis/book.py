@@ -18,6 +18,7 @@ from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import RESOLUTION, criterion
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.refit import refit
+from piezo_opt.diagnosis.structure import is_noise
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
@@ -69,7 +70,9 @@ class Book:
         choices: int,
         threads: int,
         better: Callable[[Fit], None] = lambda _: None,
+        least: float = 0.35,
     ) -> None:
+        self._least = least
         self.foot = foot
         self.question: Identification = foot.question
         self.base = Members.of(foot.question, foot.question)
@@ -209,7 +212,10 @@ class Book:
         closest = min(self._fits.values(), key=lambda fit: criterion(fit, white, 0, 1))
         if closest is not self._closest:
             self._closest = closest
-            self.colour = Colour.of(closest.residuals, self.colour.lengths)
+            self.colour = (
+                Colour.of(closest.residuals, self.colour.lengths)
+                if is_noise(closest, self._least) else white
+            )
         self._tell()
 
     def _tell(self) -> None:

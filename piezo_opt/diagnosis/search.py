@@ -110,7 +110,7 @@ def search(
             neighbours were asked elsewhere: of one that leaves only noise, only details are.
         better: called with the best fit so far, where it is another one than before.
     """
-    book = Book(foot, len(offered), threads, better)
+    book = Book(foot, len(offered), threads, better, least)
     suspects: tuple[Suspect, ...] = ()
     unscored: tuple[Unscored, ...] = ()
     seen_in: Colour | None = None
