@@ -1,11 +1,11 @@
-"""One search over sets of effects: expand the most promising set until no neighbour is better.
+"""One search over sets of effects, those of fewer effects first (beam search).
 
-    at the best sets that were not expanded yet, one after the other:
+    of the sets without effects, then of those with one, two, ... the best few, one after the other:
         take each effect out: where one is not missed, the set without it is expanded in its place
         score every absent effect by one Gauss-Newton step on all data
         fit the neighbours: the likeliest more, one less, one in the place of another
         where one more is not enough, score and fit pairs of them
-    until no neighbour betters the best sets, or the best one leaves only noise and was expanded, or
+    until one more effect betters nothing, or the best set leaves only noise and was expanded, or
     one that the criterion cannot tell from it
 
 Every sample is scored, fitted and judged.
@@ -127,13 +127,14 @@ def search(
             known = begun()
             book.race(known)
             asked = {start.members.hypothesis for start in known}
-            tried, before = 0, foot
-            while len(expanded) < effort.expansions and tried < effort.beam:
+            quiet = False
+            while len(expanded) < effort.expansions:
                 promising = [
                     m for m in book.leading if m.hypothesis not in spare and _pays(book, m)
                 ]  # fmt: skip
-                at = next((m for m in promising[: effort.beam] if ahead(m)), None)
-                if at is None:
+                row = promising[: effort.beam] if quiet else _fewest(promising, effort.beam, ahead)
+                at = next(filter(ahead, row), None)
+                if at is None or (not quiet and _in_vain(book, promising, at, least)):
                     break
                 while (lighter := _lightened(book, at, least)) is not None:
                     spare.add(at.hypothesis)
@@ -175,15 +176,33 @@ def search(
                 # Two at a time only where one is not enough: they would crowd out single effects.
                 if not (done or quiet):
                     book.race(pairs(at, near, effort.near, book))
-                best = book[book.best]
-                tried = 0 if worth(before, best, book.colour) >= least else tried + 1
-                before = best if tried == 0 else before
+                    quiet = is_noise(book.settled(book.best), least)
             if seen_in is not book.colour:
                 suspects, unscored = scored(foot, offered, threads, book.colour)
     except KeyboardInterrupt:
         book.brief = True
         return Searched(book, suspects, unscored, True)
     return Searched(book, suspects, unscored, False)
+
+
+def _fewest(
+    promising: Sequence[Members], beam: int, ahead: Callable[[Members], bool]
+) -> list[Members]:
+    """The best sets of as many effects as the fewest that one of these has which lies ahead."""
+    for count in sorted({len(members.effects) for members in promising}):
+        row = [members for members in promising if len(members.effects) == count][:beam]
+        if any(map(ahead, row)):
+            return row
+    return []
+
+
+def _in_vain(book: Book, promising: Sequence[Members], at: Members, least: float) -> bool:
+    """Whether sets of as many effects better none of fewer by what is worth a name."""
+    fewer = [book[m] for m in promising if len(m.effects) < len(at.effects)]
+    same = [book[m] for m in promising if len(m.effects) == len(at.effects)]
+    return bool(fewer) and all(
+        worth(min(fewer, key=lambda fit: fit.rms), fit, book.colour) < least for fit in same
+    )
 
 
 def _pays(book: Book, members: Members) -> bool:
@@ -209,13 +228,12 @@ def _grown(
 ) -> list[Start]:
     """One member more.
 
-    Beside the foot's law without effects each is asked, because its fit is bent most by what is
-    missing; laws that took its place have the freedom not to be. Where only noise is left, those
-    whose score noise alone would hardly give (see ``_BY_CHANCE``).
+    Where there is none each is asked, because that fit is bent most by what is missing. Where only
+    noise is left, those whose score noise alone would hardly give (see ``_BY_CHANCE``).
     """
     if done:
         near = [suspect for suspect in near if suspect.p_value < _BY_CHANCE]
-    everybody = not at.effects and at.law == book.base.law and not done
+    everybody = not (at.effects or done)
     most = len({s.name for s in near}) if everybody else effort.near
     starts = [*adds(at, near, most, book), *details(book[at], book)]
     if done:
