@@ -120,7 +120,7 @@ def still(at: Members, fit: Fit, foot: Identification) -> list[Start]:
 
 def laws(at: Members, fit: Fit, withheld: Sequence[str], book: Book) -> list[Start]:
     """Other hysteresis laws in the place of the base model's own: from where each ended in the best
-    set that it was fitted in, or else from several widths.
+    set that it was fitted in, or else from several widths, and from what both have by one name.
 
     Each begins with its details free: where a loop that remembers its turns was reached from is one
     of them, and without it no density fits. Those that do not pay for themselves go at the end.
@@ -144,7 +144,10 @@ def laws(at: Members, fit: Fit, withheld: Sequence[str], book: Book) -> list[Sta
             begun = {f"{law.name}.{k}": v for k, v in ended.items()}
             found.append(Start(members, {**kept, **details, **begun}))
             continue
-        for begun in _laws_starts(law, record.drive):
+        shared = {
+            f"{law.name}.{k}": v for k, v in own(fit.values, own_law).items() if k in law.parameters
+        }
+        for begun in (*_laws_starts(law, record.drive), shared):
             found.append(Start(members, {**kept, **details, **begun}))
         found.append(Start(members, None))
     return found
@@ -249,15 +252,16 @@ def _allowed(members: Members) -> bool:
 
 def _laws_starts(law: Effect, drive: FloatArray) -> list[dict[str, float]]:
     """Starts for a law's voltages: widths as shares of the drive's range, levels in its middle."""
-    volts = {
-        f"{law.name}.{name}": p.bounds[0] > 0.0
-        for name, p in law.parameters.items()
-        if p.unit == "V" and not p.fixed
-    }
-    if not volts:
-        return []
     low, high = float(drive.min()), float(drive.max())
-    return [
-        {name: share * (high - low) if wide else 0.5 * (low + high) for name, wide in volts.items()}
-        for share in _SHARES
-    ]
+    asked = {name: p for name, p in law.parameters.items() if not p.fixed}
+    found = []
+    for share in _SHARES:
+        width = share * (high - low)
+        begun = {}
+        for name, p in asked.items():
+            if p.unit == "1/V" and p.bounds[0] == 0.0:
+                begun[f"{law.name}.{name}"] = 1.0 / width
+            elif p.unit == "V":
+                begun[f"{law.name}.{name}"] = width if p.bounds[0] > 0.0 else 0.5 * (low + high)
+        found += [begun] if begun else []
+    return found

@@ -188,11 +188,18 @@ def search(
 def _fewest(
     promising: Sequence[Members], beam: int, ahead: Callable[[Members], bool]
 ) -> list[Members]:
-    """The best sets of as many effects as the fewest that one of these has which lies ahead."""
-    for count in sorted({len(members.effects) for members in promising}):
-        row = [members for members in promising if len(members.effects) == count][:beam]
-        if any(map(ahead, row)):
-            return row
+    """The best sets of as many effects as the fewest that one of these has which lies ahead.
+
+    Of sets that differ only in their mechanics, the best: else one law would fill the row.
+    """
+    rows: dict[int, dict[tuple[str | None, tuple[str, ...]], Members]] = {}
+    for members in promising:
+        row = rows.setdefault(len(members.effects), {})
+        row.setdefault((members.law, members.names), members)
+    for _, row in sorted(rows.items()):
+        best = [*row.values()][:beam]
+        if any(map(ahead, best)):
+            return best
     return []
 
 
@@ -228,12 +235,12 @@ def _grown(
 ) -> list[Start]:
     """One member more.
 
-    Where there is none each is asked, because that fit is bent most by what is missing. Where only
-    noise is left, those whose score noise alone would hardly give (see ``_BY_CHANCE``).
+    At the foot each is asked, because that fit is bent most by what is missing. Where only noise is
+    left, those whose score noise alone would hardly give (see ``_BY_CHANCE``).
     """
     if done:
         near = [suspect for suspect in near if suspect.p_value < _BY_CHANCE]
-    everybody = not (at.effects or done)
+    everybody = at == book.base and not done
     most = len({s.name for s in near}) if everybody else effort.near
     starts = [*adds(at, near, most, book), *details(book[at], book)]
     if done:
