@@ -27,7 +27,7 @@ _EXPLODED = 1e100
 """Derivative of a reading [m] by an unknown that is no number any more."""
 _SHARED = 1e-6
 """Share of a column of another Jacobian, beyond this one, below which it is in both."""
-_ROUGH = 1e-3
+ROUGH = 1e-3
 """Error of the scheme, as a share of the reading's range, in the directions of absent effects."""
 
 
@@ -190,7 +190,7 @@ class BasePoint:
         if self._sharp:
             return tuple(accuracy.substeps for accuracy in self.fit.accuracy)
         return tuple(
-            simulator.choose(self._unknowns.of_record(index, self._theta), _ROUGH).substeps
+            simulator.choose(self._unknowns.of_record(index, self._theta), ROUGH).substeps
             for index, simulator in enumerate(self._objective.simulators)
         )
 

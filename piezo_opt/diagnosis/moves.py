@@ -15,6 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from piezo_opt.diagnosis.base_point import ROUGH
 from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.members import Members
 from piezo_opt.diagnosis.richer import freed, in_detail
@@ -56,7 +57,7 @@ def pairs(at: Members, suspects: Sequence[Suspect], most: int, book: Book) -> li
     G = [[1, g], [g, 1]] and g = u_i' u_j. Worth a look is who explains more than the two best
     singles of that pair do one by one.
     """
-    able = [s for s in suspects if not s.wrong_side and s.visibility > 0.0]
+    able = [s for s in suspects if not s.wrong_side and s.visibility > ROUGH]
     if len(able) < 2:
         return []
     units = np.column_stack([s.direction for s in able])
@@ -220,8 +221,13 @@ def _begun(suspect: Suspect) -> Mapping[str, float]:
 
 
 def _likeliest(suspects: Sequence[Suspect], most: int) -> list[Suspect]:
-    """The forms of the likeliest names, best first, two forms a name at most."""
-    able = sorted((s for s in suspects if not s.wrong_side), key=lambda s: -s.score)
+    """The forms of the likeliest names, best first, two forms a name at most.
+
+    An effect that the fitted parameters imitate to the accuracy of its direction adds nothing, and
+    would be credited with a fit that only got stuck without it.
+    """
+    seen = (s for s in suspects if not s.wrong_side and s.visibility > ROUGH)
+    able = sorted(seen, key=lambda s: -s.score)
     names = [*dict.fromkeys(s.name for s in able)][:most]
     return [s for name in names for s in [s for s in able if s.name == name][:2]]
 

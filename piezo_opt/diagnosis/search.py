@@ -1,19 +1,23 @@
-"""One search over sets of effects, those of fewer effects first (beam search).
+"""One search over sets of effects: expand the best one and the best of the fewest effects in turn.
 
-    of the sets without effects, then of those with one, two, ... the best few, one after the other:
+    of the sets that were not expanded yet, in turn the best one of all, and the best of those with
+    as few effects as any of the best few of their number:
         take each effect out: where one is not missed, the set without it is expanded in its place
         score every absent effect by one Gauss-Newton step on all data
         fit the neighbours: the likeliest more, one less, one in the place of another
         where one more is not enough, score and fit pairs of them
-    until one more effect betters nothing, or the best set leaves only noise and was expanded, or
+    until no neighbour betters the best sets, or the best one leaves only noise and was expanded, or
     one that the criterion cannot tell from it
+
+The best one leads to where many effects are one after the other, the fewest to the law beside which
+one effect is enough.
 
 Every sample is scored, fitted and judged.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import final
@@ -127,14 +131,17 @@ def search(
             known = begun()
             book.race(known)
             asked = {start.members.hypothesis for start in known}
-            quiet = False
-            while len(expanded) < effort.expansions:
+            quiet, tried, before = False, 0, foot
+            while len(expanded) < effort.expansions and tried < 2 * effort.beam:
                 promising = [
                     m for m in book.leading if m.hypothesis not in spare and _pays(book, m)
                 ]  # fmt: skip
-                row = promising[: effort.beam] if quiet else _fewest(promising, effort.beam, ahead)
-                at = next(filter(ahead, row), None)
-                if at is None or (not quiet and _in_vain(book, promising, at, least)):
+                ways = [promising[: effort.beam]]
+                if not quiet:
+                    fewest = _fewest(promising, effort.beam, expanded)
+                    ways.insert(len(expanded) % 2, fewest)
+                at = next((m for row in ways for m in row if ahead(m)), None)
+                if at is None:
                     break
                 while (lighter := _lightened(book, at, least)) is not None:
                     spare.add(at.hypothesis)
@@ -177,6 +184,9 @@ def search(
                 if not (done or quiet):
                     book.race(pairs(at, near, effort.near, book))
                     quiet = is_noise(book.settled(book.best), least)
+                best = book[book.best]
+                tried = 0 if worth(before, best, book.colour) >= least else tried + 1
+                before = best if tried == 0 else before
             if seen_in is not book.colour:
                 suspects, unscored = scored(foot, offered, threads, book.colour)
     except KeyboardInterrupt:
@@ -186,30 +196,22 @@ def search(
 
 
 def _fewest(
-    promising: Sequence[Members], beam: int, ahead: Callable[[Members], bool]
+    promising: Sequence[Members], beam: int, expanded: Collection[Hypothesis]
 ) -> list[Members]:
-    """The best sets of as many effects as the fewest that one of these has which lies ahead.
+    """The best sets that were not expanded, of as few effects as any of the best of their number.
 
     Of sets that differ only in their mechanics, the best: else one law would fill the row.
     """
-    rows: dict[int, dict[tuple[str | None, tuple[str, ...]], Members]] = {}
+    rows: dict[int, dict[tuple[str | None, tuple[str, ...]], list[Members]]] = {}
     for members in promising:
         row = rows.setdefault(len(members.effects), {})
-        row.setdefault((members.law, members.names), members)
+        row.setdefault((members.law, members.names), []).append(members)
     for _, row in sorted(rows.items()):
         best = [*row.values()][:beam]
-        if any(map(ahead, best)):
-            return best
+        new = [alike[0] for alike in best if not any(m.hypothesis in expanded for m in alike)]
+        if new:
+            return new
     return []
-
-
-def _in_vain(book: Book, promising: Sequence[Members], at: Members, least: float) -> bool:
-    """Whether sets of as many effects better none of fewer by what is worth a name."""
-    fewer = [book[m] for m in promising if len(m.effects) < len(at.effects)]
-    same = [book[m] for m in promising if len(m.effects) == len(at.effects)]
-    return bool(fewer) and all(
-        worth(min(fewer, key=lambda fit: fit.rms), fit, book.colour) < least for fit in same
-    )
 
 
 def _pays(book: Book, members: Members) -> bool:
