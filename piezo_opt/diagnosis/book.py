@@ -18,7 +18,7 @@ from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import RESOLUTION, criterion
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.refit import refit
-from piezo_opt.diagnosis.structure import is_noise
+from piezo_opt.diagnosis.noise import is_noise
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
@@ -214,7 +214,8 @@ class Book:
             self._closest = closest
             self.colour = (
                 Colour.of(closest.residuals, self.colour.lengths)
-                if is_noise(closest, self._least) else white
+                if is_noise(closest, self._least)
+                else white
             )
         self._tell()
 

@@ -95,8 +95,8 @@ def check_promises(effect: Effect, assembled: Callable[[Model], Assembled]) -> N
     for need in (effect.requires,) if isinstance(effect.requires, str) else effect.requires:
         if isinstance(effect.requires, str) or not _is_need(need):
             raise ModelError(
-                f"{where}: requires is {effect.requires!r}: write a tuple of 'loop', 'hysteresis', 'motion' or "
-                "'channel:NAME', such as ('motion',)."
+                f"{where}: requires is {effect.requires!r}: write a tuple of 'loop', 'hysteresis', "
+                "'motion' or 'channel:NAME', such as ('motion',)."
             )
     for name, unit in (
         *((k, p.unit) for k, p in effect.parameters.items()),

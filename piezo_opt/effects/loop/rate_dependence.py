@@ -25,10 +25,10 @@ class RateDependence(Effect):
     the drive rests. narrowing, k = 2 (kept fixed): the hysteretic displacement at a turn falls with
     the rate, and a wide loop narrows, as Bouc-Wen's beta grown by r |v'| / q^2 would do. An
     exponent of 1 only renames beta. A strengthening loop is driven the harder the faster (its
-    alpha grows), of a scaling one all of the law. Of a lagging one a share follows late, and a paced
-    one is higher after it was run through fast; these two ask no rate of the law, and act beside
-    plays, too. q pivots the exponents, so that no unit depends
-    on them. What looks like rate dependence is often the amplifier or the mechanics.
+    alpha grows), of a scaling one all of the law. Of a lagging one a share follows late, and a
+    paced one is higher after it was run through fast; these two ask no rate of the law, and act
+    beside plays, too. q pivots the exponents, so that no unit depends on them. What looks like rate
+    dependence is often the amplifier or the mechanics.
 
     References: Mayergoyz (2003), Mathematical Models of Hysteresis and Their Applications, 2nd
     ed., Elsevier (rate-dependent hysteresis).

@@ -39,8 +39,9 @@ class MaxwellSlip(Effect):
         r_1 = r,   r_i = q_i r_(i-1),   s += -sum_i h_i (v - z_i) / r_i,   i = 1..8   free
 
     Every element carries at most h / k, reached when the drive has moved r_i from the last
-    turn; all slip at -h and h. Free elements carry h_i at most, each at its own threshold. Exact on every monotone stretch of the drive; at the start of a
-    record z_i is that of a drive that came from zero once.
+    turn; all slip at -h and h. Free elements carry h_i at most, each at its own threshold. Exact on
+    every monotone stretch of the drive; at the start of a record z_i is that of a drive that came
+    from zero once.
 
     References: Goldfarb & Celanovic (1997), IEEE Control Systems 17(3) (generalised Maxwell
     resistive capacitor of a piezoelectric stack).
@@ -89,10 +90,8 @@ class MaxwellSlip(Effect):
             thresholds.append(thresholds[-1] * (getattr(p, f"q{i}") if self.free else p.spacing))
         radii = stack(thresholds)
         followed = dragged(x.z, v, chain.drive.rate, radii)
-        if self.free:
-            carried = stack([getattr(p, f"h{i + 1}") for i in range(k)])
-        else:
-            carried = p.h / k
+        own = stack([getattr(p, f"h{i + 1}") for i in range(k)]) if self.free else None
+        carried = p.h / k if own is None else own
         return Equations(
             gives=-sum_(carried * (v - followed) / radii),
             becomes={"z": play(x.z, v, radii)},
