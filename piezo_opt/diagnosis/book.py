@@ -17,8 +17,8 @@ from typing import final
 from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import RESOLUTION, criterion
 from piezo_opt.diagnosis.members import Hypothesis, Members
-from piezo_opt.diagnosis.refit import refit
 from piezo_opt.diagnosis.noise import is_noise
+from piezo_opt.diagnosis.refit import refit
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor

@@ -131,7 +131,7 @@ def search(
             known = begun()
             book.race(known)
             asked = {start.members.hypothesis for start in known}
-            quiet, tried, before = False, 0, foot
+            quiet, tried, before = is_noise(book.settled(book.best), least), 0, foot
             while len(expanded) < effort.expansions and tried < 2 * effort.beam:
                 promising = [
                     m for m in book.leading if m.hypothesis not in spare and _pays(book, m)
@@ -168,6 +168,7 @@ def search(
                     starts = _grown(book, at, near, effort, done=done)
                     starts += _exchanged(book, at, offered, effort, threads)
                 book.race(starts)
+                _in_depth(book, least)
                 quiet = is_noise(book.settled(book.best), least)
                 if at.law == book.base.law and (len(at.names) > 1 or not done):
                     # Laws have more numbers than an effect and come to their own later: at the foot
@@ -218,6 +219,16 @@ def _pays(book: Book, members: Members) -> bool:
     """Whether the criterion is for each effect of a set, where the set without it was fitted."""
     fewer = (members.without(name) for name in members.names)
     return all(book.price(members) < book.price(less) for less in fewer if less in book)
+
+
+def _in_depth(book: Book, least: float) -> None:
+    """The best set in as much detail as it pays for, mechanics among it: a limit behind a resonance
+    has neither right alone."""
+    while True:
+        fit = book.settled(book.best)
+        book.race(details(fit, book))
+        if worth(fit, book[book.best], book.colour) < least:
+            return
 
 
 def _lightened(book: Book, at: Members, least: float) -> Members | None:

@@ -130,12 +130,19 @@ def told(book: Book, suspects: Sequence[Suspect], least: float, judge: Judge) ->
             :func:`~piezo_opt.diagnosis.evidence.worth`).
         judge: where fits are judged.
     """
-    worthy, slight = _worthy(book, book.best, least)
+    worthy, slight = _worthy(book, _at_home(book), least)
     best = _likeliest(book, worthy, suspects)
     steps = _steps(book, best, suspects, least, judge)
     return Told(
         best, book.settled(best), steps, _refined(book, best), _rivals(book, best, judge), slight
     )
+
+
+def _at_home(book: Book) -> Members:
+    """The best set; with the base model's own law where the criterion cannot tell it from that."""
+    best = book.best
+    even = (m for m in book.level if m.names == best.names and m.law == book.base.law)
+    return next(even, best)
 
 
 def _worthy(
