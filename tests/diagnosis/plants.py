@@ -21,7 +21,7 @@ TRUTH: Final = {
     "second_order.omega": 2.0 * np.pi * 60.0, "second_order.zeta": 0.1,
 }  # fmt: skip
 
-LAWS: Final = {"dahl", "generalised_bouc_wen", "maxwell_slip", "prandtl_ishlinskii", "preisach"}
+LAWS: Final = {name for name, kind in CATALOGUE.items() if kind().is_hysteresis_law}
 
 
 def but(*kept: str) -> tuple[str, ...]:

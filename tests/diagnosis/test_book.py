@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+import pytest
+from scipy import signal
+
 import piezo_opt as po
-from piezo_opt.diagnosis.book import Book
+from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.moves import laws, still
 from piezo_opt.effects import Creep
-from tests.diagnosis.plants import MOVING, STILL, clock, measured, rich
+from tests.diagnosis.plants import MOVING, NOISE, STILL, clock, measured, rich
 
 
 def test_what_is_far_behind_and_hardly_falls_is_given_up() -> None:
@@ -39,3 +43,39 @@ def test_a_law_begins_again_where_it_ended() -> None:
     own = {k: v for k, v in again.values.items() if k.startswith("prandtl_ishlinskii.")}
     assert own
     assert own == {k: ended[k] for k in own}
+
+
+def test_noise_has_a_colour_only_where_noise_is_left() -> None:
+    """What a fit lacks is correlated, too, and its colour would hide it."""
+    time = clock()
+    white = np.random.default_rng(3).normal(size=time.size)
+    own = {"c": 0.1, "tau": 0.1}
+    noise = NOISE * np.asarray(signal.lfilter([1.0], [1.0, -0.5], white))
+    record = measured(STILL, time, rich(time), (Creep(1), own), noise=noise)
+    fit = po.solve(po.Identification(STILL, record))
+    book = Book(fit, 1, 1)
+    book.race([Start(book.base, fit.values)])
+    assert book.colour.coefficients == ()
+    begun = {**fit.values, **{f"creep.{k}": v for k, v in own.items()}}
+    book.race([Start(book.base.with_(Creep(1)), begun)])
+    assert book.colour.coefficients[0] == pytest.approx(0.5, abs=0.15)
+
+
+def test_the_own_law_s_mechanics_are_kept_where_another_takes_its_place() -> None:
+    time = clock(600)
+    record = measured(MOVING, time, rich(time))
+    fit = po.solve(po.Identification(MOVING, record))
+    book = Book(fit, 1, 1)
+    for start in laws(book.base, fit, (), book):
+        assert "second_order" in start.members.model.names
+        assert start.members.law != "bouc_wen"
+
+
+def test_what_two_laws_have_by_one_name_is_carried_over() -> None:
+    time = clock(600)
+    fit = po.solve(po.Identification(STILL, measured(STILL, time, rich(time))))
+    book = Book(fit, 1, 1)
+    starts = [s for s in laws(book.base, fit, (), book) if s.members.law == "duhem"]
+    begun = [s.values for s in starts if s.values is not None]
+    shared = {f"duhem.{k}": fit.values[f"bouc_wen.{k}"] for k in ("alpha", "beta")}
+    assert any(shared.items() <= dict(values).items() for values in begun)

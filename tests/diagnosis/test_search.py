@@ -18,9 +18,12 @@ from piezo_opt.effects import (
     Creep,
     CubicStiffness,
     DeadZone,
+    Duhem,
     Effect,
+    MaxwellSlip,
     Offset,
     PiezoGain,
+    RateDependence,
     Saturation,
     SlewLimit,
 )  # fmt: skip
@@ -233,3 +236,48 @@ def test_two_effects_of_ones_own_each_keep_their_equations() -> None:
     reading = po.simulate(LINE + ToneA() + ToneB(), tones(), values).reading
     expected = 2e-7 * np.sin(6.0 * np.pi * TIME) - 1e-7 * np.sin(6.8 * np.pi * TIME)
     np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-18)
+
+
+ROUGH_LOOP = {
+    "piezo_gain.d": 1.2e-7, "maxwell_slip.r": 40.0,
+    **{f"maxwell_slip.h{i}": h for i, h in enumerate([2.4e-7, 0, 1.6e-7, 0, 0, 0.9e-7, 0, 0], 1)},
+    **{f"maxwell_slip.q{i}": q for i, q in enumerate([0.9, 0.4, 0.9, 0.9, 0.4, 0.9, 0.9], 2)},
+}  # fmt: skip
+"""Three elements that slip at 40, 14 and 4.7 V: corners that no smooth law has."""
+
+
+def beside_another_law(values: dict[str, float], law: Effect, hidden: Effect) -> po.Measurement:
+    """A record of another law than the default one, with an effect."""
+    time = clock(2000)
+    drive = rich(time)
+    blank = po.Measurement(time, drive, drive)
+    reading = po.simulate(PiezoGain() + law + hidden + Offset(), blank, values).reading
+    noise = NOISE * np.random.default_rng(5).normal(size=time.size)
+    return blank.with_(position=reading + noise)
+
+
+@pytest.mark.parametrize(
+    ("law", "values", "hidden", "own"),
+    [
+        (MaxwellSlip(free=True), ROUGH_LOOP, Creep(1), {"creep.c": 0.05, "creep.tau": 0.2}),
+        (
+            MaxwellSlip(), {"maxwell_slip.h": 4e-7, "maxwell_slip.r": 40.0},
+            RateDependence(lagging=True),
+            {"rate_dependence.share": 0.5, "rate_dependence.tau": 0.03},
+        ),
+        (
+            Duhem(), {"duhem.sigma": 6e-8, "duhem.beta": 0.05},
+            Saturation(), {"saturation.s": 0.7, "saturation.v_s": 50.0},
+        ),
+    ],
+    ids=["rough loop", "late plays", "duhem"],
+)  # fmt: skip
+def test_an_effect_is_named_beside_a_law_that_is_not_the_base_model_s(
+    law: Effect, values: dict[str, float], hidden: Effect, own: dict[str, float]
+) -> None:
+    few = but("creep", "saturation", "rate_dependence", "asymmetry", "sensor_lag")
+    record = beside_another_law({**values, **own}, law, hidden)
+    found = diagnose(record, advise=False, withhold=few)
+    assert [step.name for step in found.steps] == [hidden.name]
+    assert found.final.rms == pytest.approx(NOISE, rel=0.06)
+    assert found.final.model.hysteresis != "bouc_wen"
