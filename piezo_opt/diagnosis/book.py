@@ -77,6 +77,9 @@ class Book:
         self.question: Identification = foot.question
         self.base = Members.of(foot.question, foot.question)
         self.colour = Colour.white([int(r.counted.sum()) for r in foot.records])
+        self.left = self.colour
+        """Of what the closest fit leaves, noise or not."""
+        self._concluding = False
         self.refits = 0
         self.brief = False
         """Whether no fit goes on after its first iterations: after an interrupt what the answer
@@ -206,18 +209,23 @@ class Book:
     def _recolour(self) -> None:
         """Take the noise's colour from the closest fit, by the criterion of white noise.
 
-        What a set lacks is no noise: taken from a worse fit, its colour would hide what is missing.
+        What a set lacks is no noise: while the closest one lacks something, its colour would hide
+        that, and the way is found by errors as they are.
         """
         white = Colour.white(self.colour.lengths)
         closest = min(self._fits.values(), key=lambda fit: criterion(fit, white, 0, 1))
         if closest is not self._closest:
             self._closest = closest
-            self.colour = (
-                Colour.of(closest.residuals, self.colour.lengths)
-                if is_noise(closest, self._least)
-                else white
-            )
+            self.left = Colour.of(closest.residuals, self.colour.lengths)
+            noise = self._concluding or is_noise(closest, self._least)
+            self.colour = self.left if noise else white
         self._tell()
+
+    def conclude(self) -> None:
+        """From now on judge by the colour of what is left, whatever it is: errors that are
+        correlated do not count one a sample, and names are not given for them."""
+        self._concluding = True
+        self.colour = self.left
 
     def _tell(self) -> None:
         """Say which fit is the best one, where it is another one than before."""

@@ -3,9 +3,9 @@
     e_t = r_t - a_1 r_(t-1) - ... - a_p r_(t-p)
 
 Errors of rivals are compared after this filter, because samples of correlated noise do not count
-one each. It is estimated from what the closest fit leaves (:mod:`book`), so that what a model lacks
-is not taken for the noise's colour. What is white has its power spread evenly over time and over
-frequency (:func:`crowded`).
+one each. It is estimated from what the closest fit leaves (:mod:`book`); while that is no noise, an
+answer alone is judged by it, so that what a model lacks is not taken for the noise's colour. What
+is white has its power spread evenly over time and over frequency (:func:`crowded`).
 
 Source: Brockwell & Davis (1991), Time Series, 2nd ed., ch. 5 (Levinson, Durbin) and 9 (order).
 """

@@ -86,7 +86,8 @@ class _Left:
         out: share of its power that stands out of that noise's spectrum, or in time; all of it
             where the noise would surely be slower than it may be.
         bursts, burst: the share in time, and the largest burst in words.
-        top: mean power at the upper third of the frequencies, between bursts, over that at all.
+        top: mean power at the upper third of the frequencies, beside lines and between bursts, over
+            that at all.
         news: samples of white noise whose power is known as well.
     """
 
@@ -184,7 +185,9 @@ def _left(fit: Fit) -> _Left:
         coloured, even = power * density, np.ones(part.size)
         own = _beyond(power, even[: power.size], found)
         lines = max(lines, own, _beyond(coloured, density, found))
-        level = float(coloured[2 * power.size // 3 :].mean())
+        # A line that stands out there is no noise either.
+        upper = coloured[2 * power.size // 3 :]
+        level = float(upper[~crowded(upper, 2)].mean())
         white, power = np.square(white), np.square(part)
         found = crowded(white, 1)
         top += level * float(white[~found].sum() / max(white.sum(), np.finfo(float).tiny))

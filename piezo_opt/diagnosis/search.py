@@ -134,7 +134,9 @@ def search(
             quiet, tried, before = is_noise(book.settled(book.best), least), 0, foot
             while len(expanded) < effort.expansions and tried < 2 * effort.beam:
                 promising = [
-                    m for m in book.leading if m.hypothesis not in spare and _pays(book, m)
+                    m for m in book.leading
+                    if m.hypothesis not in spare and _pays(book, m)
+                    and (quiet or len(m.effects) < max(effort.beam, 2))
                 ]  # fmt: skip
                 ways = [promising[: effort.beam]]
                 if not quiet:
@@ -186,7 +188,7 @@ def search(
                     book.race(pairs(at, near, effort.near, book))
                     quiet = is_noise(book.settled(book.best), least)
                 best = book[book.best]
-                tried = 0 if worth(before, best, book.colour) >= least else tried + 1
+                tried = 0 if worth(before, best, book.left) >= least else tried + 1
                 before = best if tried == 0 else before
             if seen_in is not book.colour:
                 suspects, unscored = scored(foot, offered, threads, book.colour)

@@ -130,6 +130,7 @@ def told(book: Book, suspects: Sequence[Suspect], least: float, judge: Judge) ->
             :func:`~piezo_opt.diagnosis.evidence.worth`).
         judge: where fits are judged.
     """
+    book.conclude()
     worthy, slight = _worthy(book, _at_home(book), least)
     best = _likeliest(book, worthy, suspects)
     steps = _steps(book, best, suspects, least, judge)

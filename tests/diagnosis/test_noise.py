@@ -9,11 +9,12 @@ import pytest
 from scipy import signal
 
 import piezo_opt as po
+from piezo_opt.diagnosis.evidence import WORTH
 from piezo_opt.diagnosis.following import play
-from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
+from piezo_opt.diagnosis.noise import NoiseFloor, is_noise, noise_floor
 from piezo_opt.effects import Offset, PiezoGain
 from piezo_opt.measurement import FloatArray
-from tests.diagnosis.plants import NOISE, clock, fitted, measured, rich, triangle
+from tests.diagnosis.plants import NOISE, STILL, clock, fitted, measured, rich, triangle
 
 LINE = PiezoGain() + Offset()
 
@@ -200,3 +201,13 @@ def test_several_records_are_pooled() -> None:
     other = measured(LINE, time, rich(time), noise=3.0 * NOISE, seed=2, name="other")
     fit = po.solve(po.Identification(LINE, (one, other)))
     assert noise_floor(fit).rms == pytest.approx(NOISE * np.sqrt(5.0), rel=0.05)
+
+
+def test_a_line_near_half_the_rate_is_no_part_of_the_floor() -> None:
+    time = clock(2000, 100.0)
+    line = 10.0 * NOISE * np.sin(300.0 * time)
+    white = NOISE * np.random.default_rng(8).normal(size=time.size)
+    record = measured(STILL, time, rich(time), noise=white + line)
+    fit = po.solve(po.Identification(STILL, record))
+    assert noise_floor(fit).rms == pytest.approx(NOISE, rel=0.3)
+    assert not is_noise(fit, WORTH)
