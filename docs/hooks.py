@@ -147,7 +147,11 @@ def _about_gate(effect: Effect) -> str:
 def _need(need: str) -> str:
     if need.startswith("channel:"):
         return f"a recorded channel `{need.removeprefix('channel:')}`"
-    return {"loop": "a hysteresis loop in the model", "motion": "mechanics in the model"}[need]
+    return {
+        "loop": "a hysteresis loop in the model",
+        "hysteresis": "a hysteresis law",
+        "motion": "mechanics in the model",
+    }[need]
 
 
 def _marks(parameter: Parameter) -> Iterator[str]:

@@ -15,7 +15,7 @@ from threading import Lock
 from typing import final
 
 from piezo_opt.diagnosis.colour import Colour
-from piezo_opt.diagnosis.evidence import RESOLUTION, criterion
+from piezo_opt.diagnosis.evidence import RESOLUTION, WORTH, criterion
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.noise import is_noise
 from piezo_opt.diagnosis.refit import refit
@@ -62,6 +62,8 @@ class Book:
         choices: candidates to choose from, for the price of having chosen.
         threads: refits that run at a time.
         better: called with the best fit, where it is another one than before.
+        least: the least that an effect must explain; a fit that leaves less than that beside noise
+            tells the noise's colour.
     """
 
     def __init__(
@@ -70,7 +72,7 @@ class Book:
         choices: int,
         threads: int,
         better: Callable[[Fit], None] = lambda _: None,
-        least: float = 0.35,
+        least: float = WORTH,
     ) -> None:
         self._least = least
         self.foot = foot

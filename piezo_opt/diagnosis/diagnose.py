@@ -16,7 +16,6 @@ from piezo_opt.diagnosis.book import Start
 from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import WORTH
 from piezo_opt.diagnosis.judge import Judge, worded
-from piezo_opt.diagnosis.members import law
 from piezo_opt.diagnosis.noise import (
     NoiseFloor,
     Structure,
@@ -621,7 +620,7 @@ def _with_group(step: Step) -> str:
 def _exchanged(diagnosis: Diagnosis) -> str:
     """What became of the base model's own effects, in words; nothing where they all stayed."""
     before, after = diagnosis.fit.model, diagnosis.final.model
-    own, final = law(before), law(after)
+    own, final = before.hysteresis, after.hysteresis
     changed = [] if own == final else [f"with {final} in the place of {own}"]
     changed += [f"without {name}" for name in before.names if name not in after and name != own]
     return "".join(f", {change}" for change in changed)

@@ -53,7 +53,7 @@ class Members:
     @property
     def law(self) -> str | None:
         """Name of the base's hysteresis law: what its strain remembers."""
-        return law(self.base)
+        return self.base.hysteresis
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -86,11 +86,6 @@ class Members:
         asked = foot.with_model(model)
         free = (*asked.free, *(k for k in self.free if k in model.parameters))
         return replace(asked, free=free)
-
-
-def law(model: Model) -> str | None:
-    """Name of a model's hysteresis law."""
-    return model.hysteresis
 
 
 def _place(effect: Effect) -> tuple[int, str]:

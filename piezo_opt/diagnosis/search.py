@@ -43,9 +43,10 @@ even a hundredth has p-values far below it."""
 class Effort(Enum):
     """What a search may spend: budgets, not judgements.
 
-    Of each: the best sets among which the next one is sought, and after how many in vain it ends
-    (beam); the effects and pairs of effects that are fitted beside a set that is expanded (near);
-    and the sets that are expanded at most.
+    Of each: the best sets among which the next one is sought (beam; it ends after as many in vain of
+    either way, and while more than noise is left no set of as many effects is expanded, or of two);
+    the effects and pairs of effects that are fitted beside a set that is expanded (near); and the
+    sets that are expanded at most.
     """
 
     QUICK = (1, 4, 4)
@@ -54,7 +55,7 @@ class Effort(Enum):
 
     @property
     def beam(self) -> int:
-        """Best sets among which the next one is sought, and after how many in vain it ends."""
+        """Best sets among which the next one is sought."""
         return self.value[0]
 
     @property

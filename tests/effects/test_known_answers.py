@@ -707,6 +707,7 @@ def test_maxwell_slip_has_its_stiffness_at_a_turn_and_slips_at_h() -> None:
 def test_free_elements_begin_at_the_same_loop_and_slip_each_on_its_own() -> None:
     time, drive = wander()
     own = {"h": 2e-6, "r": 45.0, "spacing": 0.55}
+    assert MaxwellSlip(9).finer(own) == (MaxwellSlip(9), {})
     free, start = MaxwellSlip().finer(own)
     coarse = {f"maxwell_slip.{k}": v for k, v in own.items()}
     begun = {"maxwell_slip.r": 45.0, **{f"maxwell_slip.{k}": v for k, v in start.items()}}

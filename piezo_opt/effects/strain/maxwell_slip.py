@@ -10,7 +10,8 @@ from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, S
 from piezo_opt.symbolic import dragged, play, stack, sum_
 
 _ELEMENTS = 8
-"""Of the form in which each is its own: as many as published stacks are described with."""
+"""Of the form in which each is its own: 0.6 of the next larger one apart, where they begin, their
+thresholds go down to a thirty-sixth of the largest."""
 
 
 def _own() -> dict[str, Parameter]:
@@ -72,8 +73,8 @@ class MaxwellSlip(Effect):
         return _ELEMENTS if self.free else self.elements
 
     def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
-        """Elements that are each their own, which begin at the same loop."""
-        if self.free:
+        """Elements that are each their own, which begin at the same loop; itself where it has more."""
+        if self.free or self.elements > _ELEMENTS:
             return self, {}
         numbers = range(1, _ELEMENTS + 1)
         carried = {f"h{i}": own["h"] / self.elements * (i <= self.elements) for i in numbers}
