@@ -43,10 +43,10 @@ even a hundredth has p-values far below it."""
 class Effort(Enum):
     """What a search may spend: budgets, not judgements.
 
-    Of each: the best sets among which the next one is sought (beam; it ends after as many in vain of
-    either way, and while more than noise is left no set of as many effects is expanded, or of two);
-    the effects and pairs of effects that are fitted beside a set that is expanded (near); and the
-    sets that are expanded at most.
+    Of each: the best sets among which the next one is sought (beam); the effects and pairs of
+    effects that are fitted beside a set that is expanded (near); and the sets that are expanded at
+    most. A search ends after twice a beam in vain, and while more than noise is left it expands no
+    set of as many effects as its beam (two at least): so many would be an imitation.
     """
 
     QUICK = (1, 4, 4)

@@ -12,17 +12,23 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis import Diagnosis, diagnose
+from piezo_opt.diagnosis.book import Book
 from piezo_opt.diagnosis.members import Members
+from piezo_opt.diagnosis.moves import adds
 from piezo_opt.diagnosis.noise import is_noise, noise_floor
+from piezo_opt.diagnosis.scores import scored
+from piezo_opt.diagnosis.search import _fewest
 from piezo_opt.effects import (
     Creep,
     CubicStiffness,
     DeadZone,
     Duhem,
     Effect,
+    Load,
     MaxwellSlip,
     Offset,
     PiezoGain,
+    Preisach,
     RateDependence,
     Saturation,
     SlewLimit,
@@ -281,3 +287,39 @@ def test_an_effect_is_named_beside_a_law_that_is_not_the_base_model_s(
     assert [step.name for step in found.steps] == [hidden.name]
     assert found.final.rms == pytest.approx(NOISE, rel=0.06)
     assert found.final.model.hysteresis != "bouc_wen"
+
+
+def test_the_fewest_effects_come_first_and_each_law_once() -> None:
+    """Best first, as a search has them; of three rows the first with anything new is taken."""
+    loop, plays = Members(STILL), Members(STILL.replaced("bouc_wen", Preisach()))
+    moving = Members(MOVING)
+    one, two = loop.with_(Creep()), loop.with_(Creep()).with_(Saturation())
+    best = [two, one, plays, moving, loop]
+    assert _fewest(best, 3, ()) == [plays, moving]
+    assert _fewest(best, 1, (plays.hypothesis,)) == [one]
+    assert _fewest(best, 3, (plays.hypothesis, loop.hypothesis)) == [one]
+    assert _fewest(best, 3, [m.hypothesis for m in (plays, loop, one)]) == [two]
+    assert _fewest(best, 3, [m.hypothesis for m in best]) == []
+
+
+def test_what_the_fitted_parameters_imitate_is_not_fitted() -> None:
+    """A load on a single record only renames the stiffness: it would be credited with an escape."""
+    time = clock(600)
+    fit = po.solve(po.Identification(MOVING, measured(MOVING, time, rich(time))))
+    book = Book(fit, 2, 1)
+    suspects, _ = scored(fit, (Load(), Saturation()), 1, book.colour)
+    assert {s.name for s in suspects} == {"load", "saturation"}
+    begun = adds(book.base, suspects, 2, book)
+    assert {name for start in begun for name in start.members.names} == {"saturation"}
+
+
+def test_of_three_effects_only_what_leaves_noise_is_looked_at() -> None:
+    time = clock(600)
+    hum = 20.0 * NOISE * np.sin(2.0 * np.pi * 23.0 * time) * np.sin(2.0 * np.pi * 1.7 * time)
+    record = measured(STILL, time, rich(time), noise=hum)
+    said: list[str] = []
+    few = but("creep", "drift", "nonlinear_gain", "sensor_lag", "saturation")
+    found = diagnose(record, withhold=few, advise=False, progress=said.append)
+    assert found.verdict == "unexplained"
+    expanded = [s.split(", it leaves")[0].count(",") + 1 for s in said if s.startswith("with ")]
+    assert max(expanded, default=0) <= 2

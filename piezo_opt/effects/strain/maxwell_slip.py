@@ -73,7 +73,7 @@ class MaxwellSlip(Effect):
         return _ELEMENTS if self.free else self.elements
 
     def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
-        """Elements that are each their own, which begin at the same loop; itself where it has more."""
+        """Elements that are each their own, which begin at the same loop, unless it has more."""
         if self.free or self.elements > _ELEMENTS:
             return self, {}
         numbers = range(1, _ELEMENTS + 1)
