@@ -412,7 +412,10 @@ class _Assembler:
                     "the velocity itself, which a spring without mass does not hold: take "
                     "SecondOrder() in the place of Spring()."
                 )
-            self.starts[self.position_state] = self._balanced(motion, self.position_state)
+            begins = _written(self.starts[self.position_state])
+            self.starts[self.position_state] = self._balanced(motion, begins, 3)
+            at = self.x[self.position_state]
+            self.becomes[self.position_state] = self._balanced(motion, at, 1)
             rates["velocity"] = (self.velocity, resolve_values(self._massless(total_rate(motion))))
         for symbol, value in self.incoming_rates:
             rates[symbol.name()] = (symbol, total_rate(value))
@@ -463,14 +466,21 @@ class _Assembler:
 
         return rate
 
-    def _balanced(self, motion: Expression, position: str) -> Expression:
-        """Where a balance without inertia is zero, by Newton's method from the effect's own start.
+    def _balanced(self, motion: Expression, at: Expression, steps: int) -> Expression:
+        """Where a balance without inertia is zero, by Newton's method.
 
-        Forces are small beside the spring: three steps reach rounding.
+        Forces are small beside the spring: three steps from the free displacement reach rounding.
+        After a sub-step one is enough for what the scheme has missed, which would add up else: a
+        velocity jumps where a play does.
+
+        Args:
+            motion: the balance, in terms of the position.
+            at: where to begin.
+            steps: of Newton's method.
         """
-        symbol, at = self.x[position], _written(self.starts[position])
+        symbol = self.x[self.position_state or ""]
         step = motion / ca.jacobian(_written(motion), symbol)
-        for _ in range(3):
+        for _ in range(steps):
             at = at - ca.substitute(step, symbol, at)
         return at
 

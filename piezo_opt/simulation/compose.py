@@ -180,6 +180,9 @@ class _Composer:
             which = counted.setdefault(f"{name} {element.partition('[')[0]}", 0)
             after[index] = jump.positive(jump.term(name, terms[which]))
             counted[f"{name} {element.partition('[')[0]}"] += 1
+        if self.massless:
+            element = ".".join(self.flagged["position"])
+            after[self.state_index[element]] = jump.balanced(self.slots[STATE + element], 1)
         start = _Start(self)
         for name in self.system.state_names:
             start.number(STATE + name)
@@ -316,6 +319,13 @@ class _List:
                 raise NotComposable(f"{effect} follows the velocity itself")
             terms.append(self.term(effect, said[index], {name: at}))
         return self.added(terms, f"{what} {index} at {at}")
+
+    def balanced(self, at: int, steps: int) -> int:
+        """Where a balance without inertia is zero, by Newton's method (see ``assembly.py``)."""
+        for _ in range(steps):
+            miss, steep = (self.positive(self.held("balance", k, at)) for k in (0, 1))
+            at = self.less_ratio(at, miss, steep)
+        return at
 
     def less_ratio(self, at: int | None, over: int, under: int) -> int:
         """A number less a quotient: where Newton's method goes."""
@@ -504,19 +514,12 @@ class _Start(_List):
         terms = self.own.forms[effect].starts.get(short)
         added = [(self.own.slots[f"deviation {element}"], 1.0)]
         if self.own.massless and (effect, short) == self.own.flagged["position"]:
-            added = [(self._balanced(effect, terms), 1.0), *added]
+            at = self.positive(self.term(effect, terms[0])) if terms else self.own.constant(0.0)
+            added = [(self.balanced(at, 3), 1.0), *added]
         elif terms is not None:
             added = [*self._without_zeros([self.term(effect, terms[int(index or 0)])]), *added]
         self._known[name] = self.sum_into(self.own.slots[name], added)
         return self._known[name]
-
-    def _balanced(self, effect: str, terms: Sequence[Term] | None) -> int:
-        """Where a balance without inertia is zero, by Newton's method (see ``assembly.py``)."""
-        at = self.positive(self.term(effect, terms[0])) if terms else self.own.constant(0.0)
-        for _ in range(3):
-            miss, steep = (self.positive(self.held("balance", k, at)) for k in (0, 1))
-            at = self.less_ratio(at, miss, steep)
-        return at
 
 
 @final
