@@ -17,6 +17,7 @@ from piezo_opt.simulation.instructions import (
     EXP,
     LOG,
     LOG_ABOVE,
+    TANH,
     fused,
     instructions,
     known_at,
@@ -76,6 +77,7 @@ UNARY: Final = {
     ca.OP_NOT: "(double)(!{0})",
     ca.OP_SIGN: "(double)(({0} > 0.0) - ({0} < 0.0))",
     EXP: "po_exp({0})",
+    TANH: "po_tanh({0})",
     LOG: "po_log({0})",
     LOG_ABOVE: "po_log(1.0 + {0})",
 }

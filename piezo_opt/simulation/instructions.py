@@ -16,6 +16,7 @@ EXP: Final = -2
 LOG: Final = -3
 LOG_ABOVE: Final = -4
 """Logarithm of a number plus one."""
+TANH: Final = -5
 
 
 @final
@@ -116,6 +117,8 @@ def quick(
             found[k] = Instruction(POWER, (program[logarithm].inputs[0], exponent))
         elif one.op == ca.OP_EXP:
             found[k] = Instruction(EXP, one.inputs)
+        elif one.op == ca.OP_TANH:
+            found[k] = Instruction(TANH, one.inputs)
         elif one.op == ca.OP_LOG and uses[k] == served[k]:
             # A logarithm that is wanted for itself keeps its last digits near 1.
             found[k] = Instruction(LOG, one.inputs)

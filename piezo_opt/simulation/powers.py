@@ -101,6 +101,13 @@ static inline double po_exp(const double x)
     const double part = (r + r2 * (0.5 + r * (1.0 / 6))) + r2 * r2 * (1.0 / 24 + r * (1.0 / 120));
     return x > 709.0 ? INFINITY : whole + whole * part;
 }
+
+/* tanh x, to 1e-16 and not to its last digit near 0. */
+static inline double po_tanh(const double x)
+{
+    const double y = po_exp(-2.0 * fabs(x));
+    return copysign((1.0 - y) / (1.0 + y), x);
+}
 """
 )
-"""C text that defines ``po_powers_of``, ``po_power``, ``po_log`` and ``po_exp``."""
+"""C text that defines ``po_powers_of``, ``po_power``, ``po_log``, ``po_exp`` and ``po_tanh``."""
