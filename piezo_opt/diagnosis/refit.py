@@ -20,8 +20,9 @@ of what one number more costs (ln N) in the criterion."""
 
 
 def refit(
-    question: Identification, start: Mapping[str, float], iterations: int, *, mend: bool = True
-) -> Fit:
+    question: Identification, start: Mapping[str, float], iterations: int, *, mend: bool = True,
+    most: float = float("inf"),
+) -> Fit:  # fmt: skip
     """Fit from given values, without statistics.
 
     Args:
@@ -29,13 +30,14 @@ def refit(
         start: where it begins; may hold numbers of another model, which are left alone.
         iterations: most steps taken.
         mend: whether sub-steps that have become too coarse are chosen anew.
+        most: sub-steps a sample beyond which there is no such fit.
 
     Raises:
         KeyboardInterrupt: somebody interrupted it; the search ends, not only this fit.
         ModelError, InputError, ArithmeticError: there is no such fit.
     """
     solver = LevenbergMarquardt(iterations=iterations, tolerance=CLOSE)
-    coarse = SingleShooting(refine=False, mend=float("inf") if mend else 0.0)
+    coarse = SingleShooting(refine=False, mend=float("inf") if mend else 0.0, most=most)
     begun = Values(start)
     fit = solve(question, start=begun, solver=solver, transcription=coarse, statistics=False)
     if fit.outcome.ending is Ending.INTERRUPTED:

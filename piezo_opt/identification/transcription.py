@@ -59,10 +59,13 @@ class SingleShooting:
             A fit that leaves more with the new ones is told with them and not repeated. With 0
             nothing is chosen anew, and :func:`piezo_opt.identification.too_coarse` tells of a fit
             whether it should be.
+        most: sub-steps a sample beyond which there is no fit: a comparison would wait for it longer
+            than for all others.
     """
 
     refine: bool = True
     mend: float = np.inf
+    most: float = np.inf
 
     @property
     def name(self) -> str:
@@ -92,6 +95,7 @@ class SingleShooting:
         taken = cast(ResidualSolver, chosen)
         most = MOST_A_SAMPLE if self.refine else ENOUGH_A_SAMPLE
         objective = Objective(question, unknowns, start, monitor, most=most, exact=not self.refine)
+        self._affordable(objective)
         solution = taken.minimise(objective, start)
         if self.refine and objective.refine(solution.theta):
             # Sub-steps that were enough at the start are not at the solution: once more.
@@ -99,9 +103,18 @@ class SingleShooting:
         elif self.refine:
             solution = replace(solution, point=None)  # on other sub-steps than were chosen since
         elif self.mend > 0.0 and objective.mended(solution.theta, solution.point):
+            self._affordable(objective)
             told = objective.rms(objective.residual(solution.theta))
             if told <= self.mend:
                 solution = taken.minimise(objective, solution.theta)
             if told > self.mend or objective.mended(solution.theta, solution.point):
                 solution = replace(solution, point=None)  # told on the sub-steps that it needs
         return replace(solution, accuracy=objective.accuracy)
+
+    def _affordable(self, objective: Objective) -> None:
+        dearest = max(accuracy.per_sample for accuracy in objective.accuracy)
+        if dearest > self.most:
+            raise ModelError(
+                f"The model takes {dearest:.3g} sub-steps a sample at these values, more than "
+                f"{self.most:.3g}: it is too stiff to be compared with others on this record."
+            )
