@@ -21,7 +21,7 @@ from piezo_opt.diagnosis import Diagnosis, Stopped
 from piezo_opt.diagnosis import diagnose as examine
 from piezo_opt.diagnosis.advice import write_drives
 from piezo_opt.diagnosis.evidence import WORTH
-from piezo_opt.diagnosis.search import Effort
+from piezo_opt.diagnosis.frontier import Effort
 from piezo_opt.effects.catalogue import effect
 from piezo_opt.errors import InputError
 from piezo_opt.identification import Identification

@@ -15,13 +15,14 @@ from threading import Lock
 from typing import final
 
 from piezo_opt.diagnosis.colour import Colour
-from piezo_opt.diagnosis.evidence import RESOLUTION, WORTH, criterion
+from piezo_opt.diagnosis.evidence import RESOLUTION, WORTH, charge, criterion, numbers
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.noise import is_noise
 from piezo_opt.diagnosis.refit import refit
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
+from piezo_opt.identification.objective import ENOUGH_A_SAMPLE
 from piezo_opt.identification.starting import starting_values
 from piezo_opt.stopping import Pool
 from piezo_opt.values import Values
@@ -32,6 +33,9 @@ _KEPT = 4
 """Of so many rivals one goes on after a round."""
 _SETTLED = 80
 """Iterations after which a fit that is built upon has converged or never will."""
+_DEAREST = 8
+"""Sub-steps of a set over those of the foot, or over what is enough to compare models, beyond which
+it is not fitted: it would take longer than all the others together."""
 _LEAST = 2
 """Rivals that are followed to the end at least."""
 _FALLING = 0.95
@@ -81,6 +85,8 @@ class Book:
         self.colour = Colour.white([int(r.counted.sum()) for r in foot.records])
         self.left = self.colour
         """Of what the closest fit leaves, noise or not."""
+        taken = max(accuracy.per_sample for accuracy in foot.accuracy)
+        self._most = _DEAREST * max(taken, ENOUGH_A_SAMPLE)
         self._concluding = False
         self.refits = 0
         self.brief = False
@@ -136,6 +142,26 @@ class Book:
             self._prices[members] = known
         return known[2]
 
+    def bound(self, members: Members, more: int = 0) -> float:
+        """The least criterion that a set can have, if it leaves no less than the best set does.
+
+        Args:
+            members: the set; of one that was not fitted, what it asks for at least is counted.
+            more: effects beside it, of one number each at least.
+        """
+        best, samples = self.best, sum(self.colour.lengths)
+        if members in self:
+            least = numbers(self[members])
+        else:
+            parameters = members.model.parameters
+            kept = (k for k, p in parameters.items() if p.fixed or k in self.question.fixed)
+            redundant = sum(effect.redundant for _, effect in members.model)
+            least = len(parameters) - sum(1 for _ in kept) + len(members.free) - redundant
+        effects = len(members.effects) + more
+        asked = charge(numbers(self[best]), samples, len(best.effects), self._choices)
+        least_asked = charge(least + more, samples, effects, self._choices)
+        return self.price(best) - asked + least_asked
+
     def settled(self, members: Members) -> Fit:
         """The fit of a set, gone on with until it has converged, as far as it can be simulated."""
         fit = self._fits[members]
@@ -181,7 +207,6 @@ class Book:
                 if fit is not None:
                     running.append((start, fit))
                     self._tell()
-            self._recolour()
             iterations = _FIRST
             for _ in range(0 if self.brief else _ROUNDS):
                 ahead: dict[Members, dict[bool, tuple[Start, Fit]]] = {}
@@ -201,12 +226,13 @@ class Book:
                     break
                 iterations *= 2
                 more = list(pool.map(partial(self._further, iterations=iterations), open_))
-                self._recolour()
+                self._tell()
                 done = [pair for pair in ranked if pair[1].outcome.success]
                 running = [*done]
                 for (start, before), (_, fit) in zip(open_, more, strict=True):
                     if fit is not None and fit.rms < max(beyond, _FALLING * before.rms):
                         running.append((start, fit))
+        self._recolour()
 
     def _recolour(self) -> None:
         """Take the noise's colour from the closest fit, by the criterion of white noise.
@@ -266,7 +292,7 @@ class Book:
         with suppress(*NO_FIT):
             self.refits += 1
             question = start.members.question(self.question)
-            fit = refit(question, _own(values, question), _FIRST, mend=False)
+            fit = refit(question, _own(values, question), _FIRST, mend=False, most=self._most)
             self.keep(start.members, fit)
         return start, fit
 
@@ -278,7 +304,7 @@ class Book:
 
     def _went_on(self, members: Members, fit: Fit, iterations: int) -> Fit:
         self.refits += 1
-        fit = refit(fit.question, fit.values, iterations)
+        fit = refit(fit.question, fit.values, iterations, most=self._most)
         self.keep(members, fit)
         return fit
 

@@ -15,6 +15,7 @@ from piezo_opt.diagnosis.advice import Advice, experiments
 from piezo_opt.diagnosis.book import Start
 from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import WORTH
+from piezo_opt.diagnosis.frontier import Effort
 from piezo_opt.diagnosis.judge import Judge, worded
 from piezo_opt.diagnosis.noise import (
     NoiseFloor,
@@ -26,7 +27,7 @@ from piezo_opt.diagnosis.noise import (
 )
 from piezo_opt.diagnosis.points import Point, points
 from piezo_opt.diagnosis.scores import Suspect, Unscored, at_foot, by_name, scored
-from piezo_opt.diagnosis.search import Effort, search
+from piezo_opt.diagnosis.search import search
 from piezo_opt.diagnosis.sketch import sketched
 from piezo_opt.diagnosis.told import Rival, Step, Told, in_words, told
 from piezo_opt.diagnosis.unexplained import Unexplained, unexplained

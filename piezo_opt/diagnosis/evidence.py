@@ -40,9 +40,13 @@ def criterion(fit: Fit, colour: Colour, members: int, choices: int) -> float:
     n = sum(colour.lengths)
     if not math.isfinite(power) or power <= 0.0:
         return math.inf
-    chosen = min(members, choices)
-    price = 2.0 * math.log(math.comb(max(choices, 1), chosen))
-    return n * math.log(power / n) + numbers(fit) * math.log(max(n, 2)) + price
+    return n * math.log(power / n) + charge(numbers(fit), n, members, choices)
+
+
+def charge(numbers: int, samples: int, members: int, choices: int) -> float:
+    """What the criterion asks for, whatever is left: k ln N + 2 ln binomial(p, m)."""
+    chosen = 2.0 * math.log(math.comb(max(choices, 1), min(members, choices)))
+    return numbers * math.log(max(samples, 2)) + chosen
 
 
 def remaining(fit: Fit, colour: Colour) -> float:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from piezo_opt.diagnosis.base_point import BasePoint
 from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.identification import Fit
+from piezo_opt.identification.tall import triangle
 
 FloatArray = NDArray[np.float64]
 
@@ -31,7 +32,8 @@ class Whitened:
 
     def __init__(self, point: BasePoint) -> None:
         self._colour = Colour.of(point.residual, point.colour.lengths, 1)
-        self._basis, _ = np.linalg.qr(self._colour.whitened(point.basis))
+        white = self._colour.whitened(point.basis)
+        self._basis = white @ np.linalg.inv(triangle(white))
         self.residual = self.beside(point.residual)
 
     def beside(self, columns: FloatArray) -> FloatArray:

@@ -22,6 +22,7 @@ from piezo_opt.diagnosis.richer import freed, in_detail
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.catalogue import CATALOGUE
+from piezo_opt.effects.model import Model
 from piezo_opt.errors import ModelError
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.shapes import own
@@ -86,12 +87,12 @@ def pairs(at: Members, suspects: Sequence[Suspect], most: int, book: Book) -> li
     return found
 
 
-def details(fit: Fit, book: Book) -> list[Start]:
+def details(fit: Fit, book: Book, *, quiet: bool = False) -> list[Start]:
     """What the set has already, in more detail; mechanics that were left out, also from a fresh
     start: a fit that lacks them is bent by that."""
     begun = [
         Start(Members.of(question, book.question), dict(start))
-        for question, start in in_detail(fit)
+        for question, start in in_detail(fit, quiet=quiet)
     ]
     own = Members.of(fit.question, book.question)
     joined = dict.fromkeys(start.members for start in begun if start.members.base != own.base)
@@ -161,6 +162,45 @@ def hysteresis_laws(withheld: Sequence[str]) -> list[Effect]:
     for law in (kind for kind in kinds if kind.is_hysteresis_law):
         finer, _ = law.finer({name: p.nominal for name, p in law.parameters.items()})
         found += [law] if finer == law else [law, finer]
+    return found
+
+
+def crossed(bare: Sequence[Members], most: int, book: Book) -> list[Start]:
+    """Effects that help beside other laws, beside each law: what is missing is missing beside all
+    of them, but one that bends easily hides it.
+
+    With e the error without an effect and with it, the sum over the laws of ln(e_without / e_with)
+    ranks the effects; each begins as it ended where it did most.
+
+    Args:
+        bare: sets that differ in their law.
+        most: effects that are tried.
+        book: where they were fitted.
+    """
+    least: dict[Model, float] = {}
+    for members in book.sets:
+        if not members.effects:
+            least[members.base] = min(book[members].rms, least.get(members.base, np.inf))
+    helps: dict[str, dict[str | None, tuple[float, Members]]] = {}
+    for members in book.sets:
+        if len(members.effects) == 1 and members.base in least:
+            drop = float(np.log(least[members.base] / book[members].rms))
+            of_law = helps.setdefault(members.names[0], {})
+            if drop > of_law.get(members.law, (0.0, members))[0]:
+                of_law[members.law] = drop, members
+    best = sorted(helps, key=lambda name: -sum(drop for drop, _ in helps[name].values()))
+    found = []
+    for name in best[:most]:
+        if not helps[name]:
+            continue
+        _, donor = max(helps[name].values(), key=lambda pair: pair[0])
+        ended = {k: v for k, v in book[donor].values.items() if k.startswith(f"{name}.")}
+        details = tuple(k for k in donor.free if k.startswith(f"{name}."))
+        for at in bare:
+            members = at.with_(donor.effects[0])
+            members = replace(members, free=tuple(sorted({*members.free, *details})))
+            if _allowed(members):
+                found.append(Start(members, {**book[at].values, **ended}))
     return found
 
 

@@ -36,8 +36,13 @@ _GROUND = 10
 """Iterations of a fit that others are scored at: its direction counts, not its last digit."""
 
 
-def in_detail(fit: Fit) -> list[Richer]:
-    """Each effect in all its details and its finer form, each in its other forms, and mechanics."""
+def in_detail(fit: Fit, *, quiet: bool = False) -> list[Richer]:
+    """Each effect in all its details and its finer form, each in its other forms, and mechanics.
+
+    Args:
+        fit: the fit.
+        quiet: whether it leaves only noise: then no mechanics, which have nothing left to explain.
+    """
     found = [
         begun
         for name, _ in fit.model if (more := detailed(fit, name)) is not None
@@ -46,7 +51,7 @@ def in_detail(fit: Fit) -> list[Richer]:
     for name, effect in fit.model:
         if not effect.structural:
             found += _in_other_forms(fit, name)
-    return [*found, *with_mechanics(fit)]
+    return found if quiet else [*found, *with_mechanics(fit)]
 
 
 def _resonating(fit: Fit, name: str, more: Richer) -> list[Richer]:

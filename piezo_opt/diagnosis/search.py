@@ -1,32 +1,30 @@
 """One search over sets of effects: expand the best one and the best of the fewest effects in turn.
 
-    of the sets that were not expanded yet, in turn the best one of all, and the best of those with
-    as few effects as any of the best few of their number:
+    of the sets that were not expanded yet, in turn the best one of all, and together the best of
+    those with the fewest effects: all hysteresis laws first
         take each effect out: where one is not missed, the set without it is expanded in its place
         score every absent effect by one Gauss-Newton step on all data
-        fit the neighbours: the likeliest more, one less, one in the place of another
+        fit the neighbours: the likeliest more, one less, one in the place of another; beside each
+        law what helps beside the others
         where one more is not enough, score and fit pairs of them
-    until no neighbour betters the best sets, or the best one leaves only noise and was expanded, or
-    one that the criterion cannot tell from it
-
-The best one leads to where many effects are one after the other, the fewest to the law beside which
-one effect is enough.
+    until no neighbour betters the best sets; or the best one leaves only noise and was expanded,
+    and no other law might say the same with less
 
 Every sample is scored, fitted and judged.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from typing import final
 
 from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.colour import Colour
-from piezo_opt.diagnosis.evidence import worth
+from piezo_opt.diagnosis.evidence import RESOLUTION, worth
+from piezo_opt.diagnosis.frontier import Effort, Frontier
 from piezo_opt.diagnosis.members import Hypothesis, Members
-from piezo_opt.diagnosis.moves import adds, details, imitations, laws, less, pairs, still
+from piezo_opt.diagnosis.moves import adds, crossed, details, imitations, laws, pairs, still
 from piezo_opt.diagnosis.noise import is_noise
 from piezo_opt.diagnosis.scores import Suspect, Unscored, scored
 from piezo_opt.effects.base import Effect
@@ -38,35 +36,6 @@ _BY_CHANCE = 0.05
 """Corrected p-value above which a score is no reason for a fit where a fit leaves noise: the usual
 level. An effect that is worth a name explains a ninth of what is left, and of some thousand samples
 even a hundredth has p-values far below it."""
-
-
-class Effort(Enum):
-    """What a search may spend: budgets, not judgements.
-
-    Of each: the best sets among which the next one is sought (beam); the effects and pairs of
-    effects that are fitted beside a set that is expanded (near); and the sets that are expanded at
-    most. A search ends after twice a beam in vain, and while more than noise is left it expands no
-    set of as many effects as its beam (two at least): so many would be an imitation.
-    """
-
-    QUICK = (1, 4, 4)
-    NORMAL = (3, 6, 16)
-    THOROUGH = (5, 12, 48)
-
-    @property
-    def beam(self) -> int:
-        """Best sets among which the next one is sought."""
-        return self.value[0]
-
-    @property
-    def near(self) -> int:
-        """Effects, and pairs of them, that are fitted beside a set."""
-        return self.value[1]
-
-    @property
-    def expansions(self) -> int:
-        """Sets that are expanded at most."""
-        return self.value[2]
 
 
 @final
@@ -116,112 +85,112 @@ def search(
         better: called with the best fit so far, where it is another one than before.
     """
     book = Book(foot, len(offered), threads, better, least)
-    suspects: tuple[Suspect, ...] = ()
-    unscored: tuple[Unscored, ...] = ()
-    seen_in: Colour | None = None
-    expanded: dict[Hypothesis, Fit] = {}
-    spare: set[Hypothesis] = set()
-
-    def ahead(members: Members) -> bool:
-        """Whether a set was not expanded, or has left behind where it was."""
-        then = expanded.get(members.hypothesis)
-        return then is None or worth(then, book[members], book.colour) >= least
-
+    run = _Run(book, Frontier(book, effort, least), offered, withheld, effort, least, threads)
     try:
         with limit:
             known = begun()
             book.race(known)
-            asked = {start.members.hypothesis for start in known}
-            quiet, tried, before = is_noise(book.settled(book.best), least), 0, foot
-            while len(expanded) < effort.expansions and tried < 2 * effort.beam:
-                promising = [
-                    m for m in book.leading
-                    if m.hypothesis not in spare and _pays(book, m)
-                    and (quiet or len(m.effects) < max(effort.beam, 2))
-                ]  # fmt: skip
-                ways = [promising[: effort.beam]]
-                if not quiet:
-                    fewest = _fewest(promising, effort.beam, expanded)
-                    ways.insert(len(expanded) % 2, fewest)
-                at = next((m for row in ways for m in row if ahead(m)), None)
-                if at is None:
-                    break
-                while (lighter := _lightened(book, at, least)) is not None:
-                    spare.add(at.hypothesis)
-                    at = lighter
-                if not ahead(at):
-                    if is_noise(book.settled(at), least):
-                        break
-                    continue
-                fit = book.settled(at)
-                done = is_noise(fit, least)
-                tell(f"{_named(at)} leaves {show(fit.rms, 'm')}; fitting its neighbours")
-                if done:
-                    # What its own details leave undone would be scored as something absent.
-                    book.race(details(fit, book))
-                    at = next(m for m in book.leading if m.hypothesis == at.hypothesis)
-                    fit = book.settled(at)
-                expanded[at.hypothesis] = fit
-                near: Sequence[Suspect] = ()
-                starts: list[Start] = []
-                if not (done and at.hypothesis in asked):
-                    near, lacking = scored(fit, offered, threads, book.colour)
-                    if at == book.base:
-                        suspects, unscored, seen_in = near, lacking, book.colour
-                    starts = _grown(book, at, near, effort, done=done)
-                    starts += _exchanged(book, at, offered, effort, threads)
-                book.race(starts)
-                _in_depth(book, least)
-                quiet = is_noise(book.settled(book.best), least)
-                if at.law == book.base.law and (len(at.names) > 1 or not done):
-                    # Laws have more numbers than an effect and come to their own later: at the foot
-                    # all go on, unless an effect has been enough.
-                    book.race(
-                        _lawful(at, fit, withheld, book, done=done),
-                        everyone=not (quiet or at.effects),
-                        beyond=book[book.best].rms if quiet else float("inf"),
-                    )
-                    quiet = is_noise(book.settled(book.best), least)
-                if quiet and any(m.hypothesis in expanded and not ahead(m) for m in book.level):
-                    break
-                # Two at a time only where one is not enough: they would crowd out single effects.
-                if not (done or quiet):
-                    book.race(pairs(at, near, effort.near, book))
-                    quiet = is_noise(book.settled(book.best), least)
+            run.asked = frozenset(start.members.hypothesis for start in known)
+            before, vain = foot, 0
+            while vain < 2 * effort.beam and (row := run.frontier.next(quiet=run.quiet)):
+                tell(_beginning(book, row))
+                run.expand(row)
                 best = book[book.best]
-                tried = 0 if worth(before, best, book.left) >= least else tried + 1
-                before = best if tried == 0 else before
-            if seen_in is not book.colour:
-                suspects, unscored = scored(foot, offered, threads, book.colour)
+                vain = 0 if worth(before, best, book.left) >= least else vain + 1
+                before = before if vain else best
+            if run.seen_in is not book.colour:
+                run.look(book.base)
     except KeyboardInterrupt:
         book.brief = True
-        return Searched(book, suspects, unscored, True)
-    return Searched(book, suspects, unscored, False)
+        return Searched(book, run.suspects, run.unscored, True)
+    return Searched(book, run.suspects, run.unscored, False)
 
 
-def _fewest(
-    promising: Sequence[Members], beam: int, expanded: Collection[Hypothesis]
-) -> list[Members]:
-    """The best sets that were not expanded, of as few effects as any of the best of their number.
+@final
+@dataclass
+class _Run:
+    """One search on its way.
 
-    Of sets that differ only in their mechanics, the best: else one law would fill the row.
+    Attributes:
+        book, frontier: what was fitted, and what is next.
+        offered, withheld, effort, least, threads: as of a search.
+        asked: sets whose neighbours were asked elsewhere.
+        suspects, unscored, seen_in: scores at the foot, and the colour in which they were.
     """
-    rows: dict[int, dict[tuple[str | None, tuple[str, ...]], list[Members]]] = {}
-    for members in promising:
-        row = rows.setdefault(len(members.effects), {})
-        row.setdefault((members.law, members.names), []).append(members)
-    for _, row in sorted(rows.items()):
-        best = [*row.values()][:beam]
-        new = [alike[0] for alike in best if not any(m.hypothesis in expanded for m in alike)]
-        if new:
-            return new
-    return []
 
+    book: Book
+    frontier: Frontier
+    offered: Sequence[Effect]
+    withheld: Sequence[str]
+    effort: Effort
+    least: float
+    threads: int
+    asked: frozenset[Hypothesis] = frozenset()
+    suspects: tuple[Suspect, ...] = ()
+    unscored: tuple[Unscored, ...] = ()
+    seen_in: Colour | None = None
 
-def _pays(book: Book, members: Members) -> bool:
-    """Whether the criterion is for each effect of a set, where the set without it was fitted."""
-    fewer = (members.without(name) for name in members.names)
-    return all(book.price(members) < book.price(less) for less in fewer if less in book)
+    @property
+    def quiet(self) -> bool:
+        """Whether the best set leaves only noise."""
+        return is_noise(self.book.settled(self.book.best), self.least)
+
+    def look(self, at: Members) -> tuple[Suspect, ...]:
+        """Scores of all absent effects at a set."""
+        book = self.book
+        near, lacking = scored(book.settled(at), self.offered, self.threads, book.colour)
+        if at == book.base:
+            self.suspects, self.unscored, self.seen_in = near, lacking, book.colour
+        return near
+
+    def expand(self, row: Sequence[Members]) -> None:
+        """Fit the neighbours of some sets together."""
+        book, starts = self.book, list[Start]()
+        near: dict[Members, tuple[Suspect, ...]] = {}
+        for at in row:
+            done = is_noise(book.settled(at), self.least)
+            if done:
+                # What its own details leave undone would be scored as something absent.
+                book.race(details(book[at], book, quiet=True))
+                at = next(m for m in book.leading if m.hypothesis == at.hypothesis)
+            self.frontier.expanded[at.hypothesis] = book.settled(at)
+            near[at] = ()
+            if not (done and at.hypothesis in self.asked):
+                near[at] = self.look(at)
+                likeliest = self.effort.near if len(row) == 1 else self.effort.beam
+                starts += _grown(book, at, near[at], likeliest, done=done)
+                starts += _exchanged(book, at, self.offered, self.effort, self.threads)
+        book.race(starts)
+        others = [at for at in near if not at.effects and at.law != book.base.law]
+        book.race(crossed(others, self.effort.beam, book))
+        _in_depth(book, self.least)
+        for at in near:
+            self._exchange_law(at)
+        # Two at a time only where one is not enough: they would crowd out single effects.
+        if not self.quiet:
+            at = min(near, key=book.price)
+            book.race(pairs(at, near[at], self.effort.near, book))
+
+    def _exchange_law(self, at: Members) -> None:
+        """Fit a set of the base model's own law with others, where it is not enough.
+
+        Laws have more numbers than an effect and come to their own later: at the foot all go on,
+        unless an effect has been enough. Then those are left out that ask for too many numbers to
+        be as good.
+        """
+        book, quiet = self.book, self.quiet
+        then = self.frontier.expanded[at.hypothesis]
+        done = is_noise(then, self.least)
+        if at.law == book.base.law and (len(at.names) > 1 or not done):
+            starts = _lawful(at, then, self.withheld, book, done=done)
+            if quiet:
+                worst = book.price(book.best) + RESOLUTION
+                starts = [start for start in starts if book.bound(start.members) < worst]
+            book.race(
+                starts,
+                everyone=not (quiet or at.effects),
+                beyond=book[book.best].rms if quiet else float("inf"),
+            )
 
 
 def _in_depth(book: Book, least: float) -> None:
@@ -229,25 +198,13 @@ def _in_depth(book: Book, least: float) -> None:
     has neither right alone."""
     while True:
         fit = book.settled(book.best)
-        book.race(details(fit, book))
+        book.race(details(fit, book, quiet=is_noise(fit, least)))
         if worth(fit, book[book.best], book.colour) < least:
             return
 
 
-def _lightened(book: Book, at: Members, least: float) -> Members | None:
-    """The best set of one effect less where the one that goes is not missed, else None."""
-    fit = book.settled(at)
-    fewer = [start for _, start in less(at, fit)]
-    book.race(fewer)
-    able = [
-        start.members for start in fewer
-        if start.members in book and worth(book[start.members], fit, book.colour) < least
-    ]  # fmt: skip
-    return min(able, key=book.price, default=None)
-
-
 def _grown(
-    book: Book, at: Members, near: Sequence[Suspect], effort: Effort, *, done: bool
+    book: Book, at: Members, near: Sequence[Suspect], likeliest: int, *, done: bool
 ) -> list[Start]:
     """One member more.
 
@@ -257,8 +214,8 @@ def _grown(
     if done:
         near = [suspect for suspect in near if suspect.p_value < _BY_CHANCE]
     everybody = at == book.base and not done
-    most = len({s.name for s in near}) if everybody else effort.near
-    starts = [*adds(at, near, most, book), *details(book[at], book)]
+    most = len({s.name for s in near}) if everybody else likeliest
+    starts = [*adds(at, near, most, book), *details(book[at], book, quiet=done)]
     if done:
         return starts
     return [*starts, *still(at, book[at], book.question)]
@@ -303,5 +260,9 @@ def _lawful(
     return [start for place in places for start in laws(place, fit, withheld, book)]
 
 
-def _named(at: Members) -> str:
-    return "the base model" if not at.effects else "with " + ", ".join(at.names) + ", it"
+def _beginning(book: Book, row: Sequence[Members]) -> str:
+    """What is done next, in words."""
+    at, others = row[0], len(row) - 1
+    named = f"with {', '.join(at.names)}, it" if at.effects else "the base model"
+    more = f" and those of {others} more" if others else ""
+    return f"{named} leaves {show(book[at].rms, 'm')}; fitting its neighbours{more}"

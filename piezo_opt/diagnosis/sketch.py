@@ -14,9 +14,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from piezo_opt.diagnosis.book import Start
+from piezo_opt.diagnosis.frontier import Effort
 from piezo_opt.diagnosis.noise import is_noise
 from piezo_opt.diagnosis.refit import refit
-from piezo_opt.diagnosis.search import Effort, search
+from piezo_opt.diagnosis.search import search
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit

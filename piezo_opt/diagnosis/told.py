@@ -132,7 +132,10 @@ def told(book: Book, suspects: Sequence[Suspect], least: float, judge: Judge) ->
     """
     book.conclude()
     worthy, slight = _worthy(book, _at_home(book), least)
+    while (plainer := _plainer(book, worthy)) is not None:
+        worthy, slight = _worthy(book, plainer, least)
     best = _likeliest(book, worthy, suspects)
+    slight = tuple(one for one in slight if one[0] not in best.names)
     steps = _steps(book, best, suspects, least, judge)
     return Told(
         best, book.settled(best), steps, _refined(book, best), _rivals(book, best, judge), slight
@@ -144,6 +147,16 @@ def _at_home(book: Book) -> Members:
     best = book.best
     even = (m for m in book.level if m.names == best.names and m.law == book.base.law)
     return next(even, best)
+
+
+def _plainer(book: Book, best: Members) -> Members | None:
+    """The best set that names fewer effects, where the criterion cannot tell it from another: a
+    name too many costs more than a law of another kind."""
+    even = (
+        m for m in book.leading
+        if len(m.effects) < len(best.effects) and book.price(m) - book.price(best) < RESOLUTION
+    )  # fmt: skip
+    return min(even, key=lambda m: (len(m.effects), book.price(m)), default=None)
 
 
 def _worthy(

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import signal
 
 import piezo_opt as po
 from piezo_opt.diagnosis.book import Book, Start
-from piezo_opt.diagnosis.moves import details, laws, still
+from piezo_opt.diagnosis.frontier import plainer
+from piezo_opt.diagnosis.moves import crossed, details, laws, still
 from piezo_opt.diagnosis.search import _lawful
-from piezo_opt.effects import Creep
+from piezo_opt.effects import (
+    AmplifierLag,
+    Creep,
+    Dahl,
+    Duhem,
+    NonlinearGain,
+    Preisach,
+    Saturation,
+)  # fmt: skip
 from tests.diagnosis.plants import MOVING, NOISE, STILL, clock, measured, rich
 
 
@@ -82,3 +93,71 @@ def test_what_two_laws_have_by_one_name_is_carried_over() -> None:
     begun = [s.values for s in starts if s.values is not None]
     shared = {f"duhem.{k}": fit.values[f"bouc_wen.{k}"] for k in ("alpha", "beta")}
     assert any(shared.items() <= dict(values).items() for values in begun)
+
+
+def test_what_helps_beside_one_law_is_tried_beside_the_others_as_it_ended_there() -> None:
+    """A law that bends easily hides what is missing beside all of them."""
+    time = clock(600)
+    hidden = (Creep(1), {"c": 0.1, "tau": 0.1})
+    fit = po.solve(po.Identification(STILL, measured(STILL, time, rich(time), hidden)))
+    book = Book(fit, 1, 1)
+    others = [replace(book.base, base=STILL.replaced("bouc_wen", law())) for law in (Dahl, Duhem)]
+    book.race([Start(members, None) for members in others], everyone=True)
+    beside = {effect.name: others[0].with_(effect) for effect in (Saturation(), Creep(1))}
+    book.race([Start(members, None) for members in beside.values()], everyone=True)
+    assert book[beside["creep"]].rms < 0.2 * book[others[0]].rms
+    (start,) = crossed(others[1:], 1, book)
+    assert start.members == others[1].with_(Creep(1))
+    assert start.values is not None
+    ended = book[beside["creep"]].values["creep.tau"]
+    assert start.values["creep.tau"] == ended == pytest.approx(0.1, rel=0.1)
+    own = {k: v for k, v in start.values.items() if k.startswith("duhem.")}
+    assert own == {k: v for k, v in book[others[1]].values.items() if k.startswith("duhem.")}
+    assert crossed([], 1, book) == []
+
+
+def test_no_set_with_one_effect_more_is_better_than_it_might_be() -> None:
+    """The bound by which a law is not looked at is kept by every set that was fitted."""
+    time = clock(600)
+    hidden = (Creep(1), {"c": 0.1, "tau": 0.1})
+    fit = po.solve(po.Identification(STILL, measured(STILL, time, rich(time), hidden)))
+    book = Book(fit, 40, 1)
+    other = replace(book.base, base=STILL.replaced("bouc_wen", Dahl()))
+    effects = Creep(1), Saturation(), NonlinearGain(), AmplifierLag()
+    sets = [m for at in (book.base, other) for m in (at, *map(at.with_, effects))]
+    book.race([Start(members, None) for members in sets])
+    for at in (book.base, other):
+        bounds = [book.price(at.with_(effect)) for effect in effects if at.with_(effect) in book]
+        assert bounds
+        assert min(bounds) >= book.bound(at, 1)
+    best = book.best
+    assert best == book.base.with_(Creep(1))
+    # What the best asks for beside a set of one number and effect less, and nothing else.
+    one_less = book.price(best) - book.bound(book.base, 1)
+    numbers = len(book[best].names) - len(book[book.base].names) - 1
+    assert one_less == pytest.approx(numbers * np.log(600), abs=1e-6)
+    # Where only the best was fitted the bound is that, or lower.
+    blank = Book(fit, 40, 1)
+    blank.keep(best, book[best])
+    for members in book.sets:
+        assert blank.bound(members) <= book.bound(members) <= book.price(members) + 1e-6
+    plays = replace(book.base, base=STILL.replaced("bouc_wen", Preisach(free=True)))
+    assert blank.bound(plays) > book.price(best) + 10.0 * np.log(600)
+
+
+def test_laws_that_might_say_the_same_with_less_are_asked_before_two_effects_are_told() -> None:
+    time = clock(600)
+    hidden = (Creep(1), {"c": 0.1, "tau": 0.1})
+    fit = po.solve(po.Identification(STILL, measured(STILL, time, rich(time), hidden)))
+    book = Book(fit, 40, 1)
+    other = replace(book.base, base=STILL.replaced("bouc_wen", Dahl()))
+    one = book.base.with_(Creep(1))
+    two = one.with_(Saturation())
+    book.race([Start(one, None), Start(two, None), Start(other, None)])
+    assert book.best == one
+    assert plainer(book, [other], two) == [other]
+    assert plainer(book, [other], one) == []  # as plain as can be
+    elsewhere = other.with_(Creep(1))
+    book.race([Start(elsewhere, None)])
+    assert plainer(book, [other], elsewhere) == []  # the same law
+    assert plainer(book, [other.with_(Creep(1)).with_(Saturation())], two) == []  # says more

@@ -157,11 +157,7 @@ def test_json_has_what_is_promised(which: str, request: pytest.FixtureRequest) -
         assert 0.0 <= suspect["score"] <= 1.0
         assert 0.0 <= suspect["p_value"] <= 1.0
         assert 0.0 <= suspect["visibility"] <= 1.0 + 1e-9
-        assert (
-            suspect["predicted_rms"] <= diagnosis.steps[0].rms_before * (1 + 1e-9)
-            if (diagnosis.steps)
-            else True
-        )
+        assert suspect["predicted_rms"] <= diagnosis.fit.rms * (1 + 1e-9)
     assert all(isinstance(s, str) and s.endswith(".") for s in data["advice"])
     assert data["rms_baseline"] == diagnosis.fit.rms
     assert 1e-9 < data["rms_final"] < 1e-6

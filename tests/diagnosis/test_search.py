@@ -13,11 +13,11 @@ import pytest
 import piezo_opt as po
 from piezo_opt.diagnosis import Diagnosis, diagnose
 from piezo_opt.diagnosis.book import Book
+from piezo_opt.diagnosis.frontier import fewest
 from piezo_opt.diagnosis.members import Members
 from piezo_opt.diagnosis.moves import adds
 from piezo_opt.diagnosis.noise import is_noise, noise_floor
 from piezo_opt.diagnosis.scores import scored
-from piezo_opt.diagnosis.search import _fewest
 from piezo_opt.effects import (
     Creep,
     CubicStiffness,
@@ -291,14 +291,22 @@ def test_an_effect_is_named_beside_a_law_that_is_not_the_base_model_s(
 def test_the_fewest_effects_come_first_and_each_law_once() -> None:
     """Best first, as a search has them; of three rows the first with anything new is taken."""
     loop, plays = Members(STILL), Members(STILL.replaced("bouc_wen", Preisach()))
-    moving = Members(MOVING)
+    slip, moving = Members(STILL.replaced("bouc_wen", MaxwellSlip())), Members(MOVING)
     one, two = loop.with_(Creep()), loop.with_(Creep()).with_(Saturation())
-    best = [two, one, plays, moving, loop]
-    assert _fewest(best, 3, ()) == [plays, moving]
-    assert _fewest(best, 1, (plays.hypothesis,)) == [one]
-    assert _fewest(best, 3, (plays.hypothesis, loop.hypothesis)) == [one]
-    assert _fewest(best, 3, [m.hypothesis for m in (plays, loop, one)]) == [two]
-    assert _fewest(best, 3, [m.hypothesis for m in best]) == []
+    other = loop.with_(Saturation())
+    best = [two, one, other, plays, moving, slip, loop]
+    asks = {plays: 13, moving: 10, slip: 6, loop: 7, one: 9, other: 8, two: 10}.__getitem__
+
+    def first(beam: int, *expanded: Members) -> list[Members]:
+        return fewest(best, beam, [m.hypothesis for m in expanded], asks)
+
+    assert first(1) == [moving, slip]  # plays ask for more than twice as many numbers as the slip
+    assert first(1, moving, slip) == [plays]
+    assert first(1, plays, slip, loop) == [one]
+    assert first(2, plays, slip, loop) == [one, other]
+    assert first(3, plays, slip, loop, one) == [other]
+    assert first(3, plays, slip, loop, one, other) == [two]
+    assert first(3, *best) == []
 
 
 def test_what_the_fitted_parameters_imitate_is_not_fitted() -> None:

@@ -7,19 +7,16 @@ import signal
 import threading
 import time
 from dataclasses import replace
-from importlib import import_module
 
 import numpy as np
 import pytest
 
-from piezo_opt.diagnosis.book import Book
 from piezo_opt.diagnosis.diagnose import Stopped, diagnose
+from piezo_opt.diagnosis.frontier import Frontier
 from piezo_opt.diagnosis.members import Members
 from piezo_opt.stopping import Pool, TimeLimit
 from problems import hidden_effect
 from tests.diagnosis.plants import but
-
-search = import_module("piezo_opt.diagnosis.search")
 
 
 def test_a_pool_begins_nothing_after_an_interrupt() -> None:
@@ -70,12 +67,13 @@ def test_a_process_in_the_background_is_deaf_to_interrupts_and_limited_all_the_s
 
 
 def test_what_was_accepted_before_an_interrupt_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(_: Book, at: Members, *__: object) -> None:
+    def interrupted(_: Frontier, at: Members) -> Members:
         """After the base model's neighbours were fitted, before the best of them is expanded."""
         if at.effects:
             raise KeyboardInterrupt
+        return at
 
-    monkeypatch.setattr(search, "_lightened", interrupted)
+    monkeypatch.setattr(Frontier, "_lightest", interrupted)
     train, test = hidden_effect.data().split(hidden_effect.SPLIT)
     found = diagnose(train, test=test, withhold=but("creep", "drift"))
     assert found.stopped is Stopped.USER
@@ -88,11 +86,12 @@ def test_what_was_accepted_before_an_interrupt_is_kept(monkeypatch: pytest.Monke
 def test_the_nearest_name_so_far_is_no_answer_while_more_than_noise_is_left(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def interrupted(_: Book, at: Members, *__: object) -> None:
+    def interrupted(_: Frontier, at: Members) -> Members:
         if at.effects:
             raise KeyboardInterrupt
+        return at
 
-    monkeypatch.setattr(search, "_lightened", interrupted)
+    monkeypatch.setattr(Frontier, "_lightest", interrupted)
     train, _ = hidden_effect.data().split(hidden_effect.SPLIT)
     hum = 10.0 * hidden_effect.noise_rms() * np.sin(300.0 * train.time)
     found = diagnose(replace(train, position=train.position + hum), withhold=but("creep"))
