@@ -177,14 +177,15 @@ def crossed(bare: Sequence[Members], most: int, book: Book) -> list[Start]:
         most: effects that are tried.
         book: where they were fitted.
     """
+    errors = {m: max(book[m].rms, np.finfo(float).tiny) for m in book.sets}
     least: dict[Model, float] = {}
-    for members in book.sets:
+    for members, error in errors.items():
         if not members.effects:
-            least[members.base] = min(book[members].rms, least.get(members.base, np.inf))
+            least[members.base] = min(error, least.get(members.base, np.inf))
     helps: dict[str, dict[str | None, tuple[float, Members]]] = {}
-    for members in book.sets:
+    for members, error in errors.items():
         if len(members.effects) == 1 and members.base in least:
-            drop = float(np.log(least[members.base] / book[members].rms))
+            drop = float(np.log(least[members.base] / error))
             of_law = helps.setdefault(members.names[0], {})
             if drop > of_law.get(members.law, (0.0, members))[0]:
                 of_law[members.law] = drop, members
