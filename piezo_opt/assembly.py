@@ -414,8 +414,9 @@ class _Assembler:
                 )
             begins = _written(self.starts[self.position_state])
             self.starts[self.position_state] = self._balanced(motion, begins, 3)
-            at = self.x[self.position_state]
-            self.becomes[self.position_state] = self._balanced(motion, at, 1)
+            if self.becomes:  # plays, in whose turns the velocity jumps
+                at = self.x[self.position_state]
+                self.becomes[self.position_state] = self._balanced(motion, at, 1)
             rates["velocity"] = (self.velocity, resolve_values(self._massless(total_rate(motion))))
         for symbol, value in self.incoming_rates:
             rates[symbol.name()] = (symbol, total_rate(value))
@@ -440,7 +441,10 @@ class _Assembler:
         jump: ca.Function | None = None
         if self.becomes:
             after = ca.vertcat(*(self.becomes.get(n, s) for n, s in self.x.items()))
-            jump = ca.Function("po_becomes", [*instant[:5], p], [resolve(after)])
+            # What is dragged by the drive needs its rate for derivatives by time only: to rounding
+            # it is the same at any rate of the channels.
+            after = ca.substitute(resolve(after), dc, ca.SX.zeros(dc.numel()))
+            jump = ca.Function("po_becomes", [*instant[:5], p], [after])
         delay = sum(self.delays, ca.SX(0.0))
         return {
             "rate": ca.Function("po_rate", instant, [resolve(dx)]),
@@ -470,8 +474,8 @@ class _Assembler:
         """Where a balance without inertia is zero, by Newton's method.
 
         Forces are small beside the spring: three steps from the free displacement reach rounding.
-        After a sub-step one is enough for what the scheme has missed, which would add up else: a
-        velocity jumps where a play does.
+        Behind plays the position is put back on its balance after each sub-step: the scheme misses
+        the way to a play's contact, which would add up else. One step is enough for that.
 
         Args:
             motion: the balance, in terms of the position.

@@ -180,7 +180,7 @@ class _Composer:
             which = counted.setdefault(f"{name} {element.partition('[')[0]}", 0)
             after[index] = jump.positive(jump.term(name, terms[which]))
             counted[f"{name} {element.partition('[')[0]}"] += 1
-        if self.massless:
+        if self.massless and jumping:
             element = ".".join(self.flagged["position"])
             after[self.state_index[element]] = jump.balanced(self.slots[STATE + element], 1)
         start = _Start(self)

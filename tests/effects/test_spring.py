@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import piezo_opt as po
+from piezo_opt.assembly import assemble
 from piezo_opt.effects import (
     BoucWen,
     CubicStiffness,
@@ -99,6 +100,17 @@ def test_without_forces_there_is_nothing_to_it() -> None:
         TRUTH["piezo_gain.d"] * DRIVE - response.states[:, response.state_names.index("bouc_wen.h")]
     )
     np.testing.assert_allclose(response.reading, free + TRUTH["offset.y0"], atol=1e-15)
+
+
+def test_only_plays_are_put_back_on_their_balance() -> None:
+    """A smooth law keeps its differential equation, which collocation needs."""
+    assert assemble(PiezoGain() + BoucWen() + Spring() + Friction()).becomes is None
+    model = PiezoGain() + BoucWen() + Spring() + Offset()
+    record = po.Measurement(TIME[:200], DRIVE[:200], 1e-7 * DRIVE[:200], allow_saturated=True)
+    question = po.Identification(model, record)
+    collocated = po.solve(question, transcription=po.Collocation(), statistics=False)
+    shot = po.solve(question, statistics=False)
+    assert collocated.rms == pytest.approx(shot.rms, rel=0.05)
 
 
 def test_a_model_has_one_mechanics() -> None:

@@ -67,6 +67,11 @@ def test_a_channel_upstream_of_plays_is_no_obstacle(law: Effect) -> None:
     nominal = {name: p.nominal for name, p in model.parameters.items()}
     values = {**nominal, "added.gain": 1.0}
     added = po.simulate(model + Added(), record, values).reading
+    behind = model + Added() + Spring()
+    for compiled in (True, False):
+        run = Simulator(behind, record, values, prefer_compiled=compiled)
+        reading = run.reading({**values, "spring.omega": 1e3})
+        np.testing.assert_allclose(reading, added, rtol=0, atol=1e-12 * np.ptp(added))
     summed = po.Measurement(time, drive + warmer, drive, allow_saturated=True)
     expected = po.simulate(model, summed, nominal).reading
     np.testing.assert_allclose(added, expected, rtol=0, atol=1e-9 * np.ptp(expected))

@@ -19,8 +19,8 @@ class Spring(Effect):
     by f / omega^2 at once. Only that ratio is seen, so omega is kept where it is set, and a force
     is per unit of a mass that has this natural frequency. The velocity follows from the balance's
     derivative, which the forces' laws turn into a line on either side of zero as long as they do
-    not depend on how fast they are run through (friction, hysteresis); after each sub-step the
-    position is put back where the balance is zero.
+    not depend on how fast they are run through (friction, hysteresis). Behind a law of plays
+    the position is put back where the balance is zero after each sub-step.
 
     References: Kokotovic, Khalil & O'Reilly (1986), Singular Perturbation Methods in Control,
     Academic Press, ch. 1 (the reduced model of fast dynamics).
