@@ -18,7 +18,7 @@ from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import RESOLUTION, WORTH, charge, criterion, numbers
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.noise import is_noise
-from piezo_opt.diagnosis.refit import refit
+from piezo_opt.diagnosis.refit import SETTLED, refit
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
@@ -31,8 +31,6 @@ _FIRST, _ROUNDS = 5, 4
 """Iterations of the first round, and rounds after it; each one doubles the iterations."""
 _KEPT = 4
 """Of so many rivals one goes on after a round."""
-_SETTLED = 80
-"""Iterations after which a fit that is built upon has converged or never will."""
 _DEAREST = 8
 """Sub-steps of a set over those of the foot, or over what is enough to compare models, beyond which
 it is not fitted: it would take longer than all the others together."""
@@ -168,7 +166,7 @@ class Book:
         ended = fit.outcome.success or self._ended.get(members) is fit
         if not (ended or self.brief or members == self.base):
             with suppress(*NO_FIT):
-                self._went_on(members, fit, _SETTLED)
+                self._went_on(members, fit, SETTLED)
             self._ended[members] = self._fits[members]
         return self._fits[members]
 

@@ -1,8 +1,8 @@
 """Which sets are expanded next: the best one, and those of the fewest effects, in turn.
 
 The best one leads to where many effects are one after the other, the fewest to the law beside which
-one effect is enough. Where the best leaves only noise, it is expanded last of all, and beside it
-what might say the same with less.
+one effect is enough. Once the best leaves only noise, it is expanded, and after it only what might
+say the same with less.
 """
 
 from __future__ import annotations

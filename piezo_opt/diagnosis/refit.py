@@ -17,6 +17,8 @@ from piezo_opt.values import Values
 CLOSE = 1e-5
 """Decrease of the cost in one iteration at which a refit ends: with ten thousand samples a tenth
 of what one number more costs (ln N) in the criterion."""
+SETTLED = 80
+"""Iterations after which a fit that is built upon has converged or never will."""
 
 
 def refit(

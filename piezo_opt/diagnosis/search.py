@@ -175,19 +175,14 @@ class _Run:
         """Fit a set of the base model's own law with others, where it is not enough.
 
         Laws have more numbers than an effect and come to their own later: at the foot all go on,
-        unless an effect has been enough. Then those are left out that ask for too many numbers to
-        be as good.
+        unless an effect has been enough.
         """
         book, quiet = self.book, self.quiet
         then = self.frontier.expanded[at.hypothesis]
         done = is_noise(then, self.least)
         if at.law == book.base.law and (len(at.names) > 1 or not done):
-            starts = _lawful(at, then, self.withheld, book, done=done)
-            if quiet:
-                worst = book.price(book.best) + RESOLUTION
-                starts = [start for start in starts if book.bound(start.members) < worst]
             book.race(
-                starts,
+                _lawful(at, then, self.withheld, book, done=done, quiet=quiet),
                 everyone=not (quiet or at.effects),
                 beyond=book[book.best].rms if quiet else float("inf"),
             )
@@ -242,13 +237,14 @@ def _exchanged(
 
 
 def _lawful(
-    at: Members, fit: Fit, withheld: Sequence[str], book: Book, *, done: bool
+    at: Members, fit: Fit, withheld: Sequence[str], book: Book, *, done: bool, quiet: bool
 ) -> list[Start]:
     """Another law in the place of the base model's own, and in that of it and one of two effects:
     what an effect does beside one law, another may do by itself.
 
     Without effects, with the details and mechanics that the own law asked for: a law is judged by
-    what is left of the loop, and not by what a resonance leaves.
+    what is left of the loop, and not by what a resonance leaves. Where only noise is left already,
+    no law that asks for too many numbers to be as good.
     """
     if not at.effects:
         own = (m for m in book.leading if not m.effects and m.law == at.law)
@@ -257,7 +253,9 @@ def _lawful(
     places = [] if done else [at]
     if len(at.names) > 1:
         places += [at.without(name) for name in at.names]
-    return [start for place in places for start in laws(place, fit, withheld, book)]
+    starts = [start for place in places for start in laws(place, fit, withheld, book)]
+    worst = book.price(book.best) + RESOLUTION
+    return [s for s in starts if book.bound(s.members) < worst] if quiet else starts
 
 
 def _beginning(book: Book, row: Sequence[Members]) -> str:

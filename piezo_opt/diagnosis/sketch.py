@@ -16,7 +16,7 @@ import numpy as np
 from piezo_opt.diagnosis.book import Start
 from piezo_opt.diagnosis.frontier import Effort
 from piezo_opt.diagnosis.noise import is_noise
-from piezo_opt.diagnosis.refit import refit
+from piezo_opt.diagnosis.refit import SETTLED, refit
 from piezo_opt.diagnosis.search import search
 from piezo_opt.effects.base import Effect
 from piezo_opt.errors import NO_FIT
@@ -32,8 +32,6 @@ _PARTS = 5
 """Parts of which the worst one is searched. With a cost that grows with the samples, parts of parts
 take a quarter of what all of them would, and each is long enough to show what is five times slower
 than the last one could."""
-_STEPS = 40
-"""Iterations of the base model's fit on the part, which begins at that of everything."""
 
 
 def sketched(
@@ -67,7 +65,7 @@ def sketched(
     ]
     kept = {k: v for k, v in fit.values.items() if not k.startswith(INITIAL)}
     try:
-        foot = refit(fit.question.with_records(short), kept, _STEPS)
+        foot = refit(fit.question.with_records(short), kept, SETTLED)
     except NO_FIT:
         return []
     samples = sum(len(record) for record in short)

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 import piezo_opt as po
+from piezo_opt.diagnosis.book import Book
 from piezo_opt.effects import BoucWen, Effect, Model, Offset, PiezoGain, SecondOrder
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.measurement import FloatArray
@@ -100,3 +101,10 @@ def minor_loops(law: Effect, own: Mapping[str, float], noise: float) -> po.Measu
     reading = po.simulate(PiezoGain() + law + Offset(), blank, values).reading
     white = np.random.default_rng(2).normal(size=time.size)
     return blank.with_(position=reading + noise * white)
+
+
+def opened(*hidden: tuple[Effect, Mapping[str, float]], choices: int = 1) -> Book:
+    """The book of a search at the fit of ``STILL`` to a short record with something hidden."""
+    time = clock(600)
+    fit = po.solve(po.Identification(STILL, measured(STILL, time, rich(time), *hidden)))
+    return Book(fit, choices, 1)

@@ -10,7 +10,6 @@ from scipy import signal
 
 import piezo_opt as po
 from piezo_opt.diagnosis.book import Book, Start
-from piezo_opt.diagnosis.frontier import plainer
 from piezo_opt.diagnosis.moves import crossed, details, laws, still
 from piezo_opt.diagnosis.search import _lawful
 from piezo_opt.effects import (
@@ -18,11 +17,15 @@ from piezo_opt.effects import (
     Creep,
     Dahl,
     Duhem,
+    Effect,
+    MaxwellSlip,
     NonlinearGain,
     Preisach,
     Saturation,
 )  # fmt: skip
-from tests.diagnosis.plants import MOVING, NOISE, STILL, clock, measured, rich
+from tests.diagnosis.plants import MOVING, NOISE, STILL, clock, measured, opened, rich
+
+CREEPING = Creep(1), {"c": 0.1, "tau": 0.1}
 
 
 def test_what_is_far_behind_and_hardly_falls_is_given_up() -> None:
@@ -43,9 +46,8 @@ def test_what_is_far_behind_and_hardly_falls_is_given_up() -> None:
 
 
 def test_a_law_begins_again_where_it_ended() -> None:
-    time = clock(600)
-    fit = po.solve(po.Identification(STILL, measured(STILL, time, rich(time))))
-    book = Book(fit, 1, 1)
+    book = opened()
+    fit = book.foot
     plays = [s for s in laws(book.base, fit, (), book) if s.members.law == "prandtl_ishlinskii"]
     assert len(plays) > 1
     book.race(plays)
@@ -80,15 +82,14 @@ def test_other_laws_are_tried_with_the_mechanics_that_the_own_law_asked_for() ->
     book = Book(fit, 1, 1)
     book.race(details(fit, book))
     assert book[book.best].rms < 0.5 * fit.rms
-    starts = _lawful(book.base, fit, (), book, done=False)
+    starts = _lawful(book.base, fit, (), book, done=False, quiet=False)
     assert {start.members.law for start in starts} > {"duhem", "maxwell_slip", "preisach"}
     assert all("second_order" in start.members.model.names for start in starts)
 
 
 def test_what_two_laws_have_by_one_name_is_carried_over() -> None:
-    time = clock(600)
-    fit = po.solve(po.Identification(STILL, measured(STILL, time, rich(time))))
-    book = Book(fit, 1, 1)
+    book = opened()
+    fit = book.foot
     starts = [s for s in laws(book.base, fit, (), book) if s.members.law == "duhem"]
     begun = [s.values for s in starts if s.values is not None]
     shared = {f"duhem.{k}": fit.values[f"bouc_wen.{k}"] for k in ("alpha", "beta")}
@@ -97,10 +98,7 @@ def test_what_two_laws_have_by_one_name_is_carried_over() -> None:
 
 def test_what_helps_beside_one_law_is_tried_beside_the_others_as_it_ended_there() -> None:
     """A law that bends easily hides what is missing beside all of them."""
-    time = clock(600)
-    hidden = (Creep(1), {"c": 0.1, "tau": 0.1})
-    fit = po.solve(po.Identification(STILL, measured(STILL, time, rich(time), hidden)))
-    book = Book(fit, 1, 1)
+    book = opened(CREEPING)
     others = [replace(book.base, base=STILL.replaced("bouc_wen", law())) for law in (Dahl, Duhem)]
     book.race([Start(members, None) for members in others], everyone=True)
     beside = {effect.name: others[0].with_(effect) for effect in (Saturation(), Creep(1))}
@@ -118,10 +116,7 @@ def test_what_helps_beside_one_law_is_tried_beside_the_others_as_it_ended_there(
 
 def test_no_set_with_one_effect_more_is_better_than_it_might_be() -> None:
     """The bound by which a law is not looked at is kept by every set that was fitted."""
-    time = clock(600)
-    hidden = (Creep(1), {"c": 0.1, "tau": 0.1})
-    fit = po.solve(po.Identification(STILL, measured(STILL, time, rich(time), hidden)))
-    book = Book(fit, 40, 1)
+    book = opened(CREEPING, choices=40)
     other = replace(book.base, base=STILL.replaced("bouc_wen", Dahl()))
     effects = Creep(1), Saturation(), NonlinearGain(), AmplifierLag()
     sets = [m for at in (book.base, other) for m in (at, *map(at.with_, effects))]
@@ -137,7 +132,7 @@ def test_no_set_with_one_effect_more_is_better_than_it_might_be() -> None:
     numbers = len(book[best].names) - len(book[book.base].names) - 1
     assert one_less == pytest.approx(numbers * np.log(600), abs=1e-6)
     # Where only the best was fitted the bound is that, or lower.
-    blank = Book(fit, 40, 1)
+    blank = Book(book.foot, 40, 1)
     blank.keep(best, book[best])
     for members in book.sets:
         assert blank.bound(members) <= book.bound(members) <= book.price(members) + 1e-6
@@ -145,19 +140,22 @@ def test_no_set_with_one_effect_more_is_better_than_it_might_be() -> None:
     assert blank.bound(plays) > book.price(best) + 10.0 * np.log(600)
 
 
-def test_laws_that_might_say_the_same_with_less_are_asked_before_two_effects_are_told() -> None:
-    time = clock(600)
-    hidden = (Creep(1), {"c": 0.1, "tau": 0.1})
-    fit = po.solve(po.Identification(STILL, measured(STILL, time, rich(time), hidden)))
-    book = Book(fit, 40, 1)
-    other = replace(book.base, base=STILL.replaced("bouc_wen", Dahl()))
-    one = book.base.with_(Creep(1))
-    two = one.with_(Saturation())
-    book.race([Start(one, None), Start(two, None), Start(other, None)])
-    assert book.best == one
-    assert plainer(book, [other], two) == [other]
-    assert plainer(book, [other], one) == []  # as plain as can be
-    elsewhere = other.with_(Creep(1))
-    book.race([Start(elsewhere, None)])
-    assert plainer(book, [other], elsewhere) == []  # the same law
-    assert plainer(book, [other.with_(Creep(1)).with_(Saturation())], two) == []  # says more
+def test_where_an_effect_was_enough_laws_of_too_many_numbers_are_not_tried() -> None:
+    book = opened(CREEPING, choices=40)
+    book.race([Start(book.base.with_(Creep(1)), None)])
+
+    def tried(*, quiet: bool) -> set[Effect]:
+        starts = _lawful(book.base, book.foot, (), book, done=False, quiet=quiet)
+        return {start.members.base[start.members.law or ""] for start in starts}
+
+    assert tried(quiet=False) - tried(quiet=True) == {MaxwellSlip(free=True), Preisach(free=True)}
+    assert {Dahl(), Duhem(), Preisach()} <= tried(quiet=True)
+
+
+def test_a_set_that_leaves_only_noise_is_asked_for_no_mechanics() -> None:
+    book = opened()
+    assert book.foot.model.quasi_static
+    more, quiet = (details(book.foot, book, quiet=q) for q in (False, True))
+    assert any(not start.members.model.quasi_static for start in more)
+    assert quiet
+    assert all(start.members.model.quasi_static for start in quiet)

@@ -12,8 +12,6 @@ import pytest
 
 import piezo_opt as po
 from piezo_opt.diagnosis import Diagnosis, diagnose
-from piezo_opt.diagnosis.book import Book
-from piezo_opt.diagnosis.frontier import fewest
 from piezo_opt.diagnosis.members import Members
 from piezo_opt.diagnosis.moves import adds
 from piezo_opt.diagnosis.noise import is_noise, noise_floor
@@ -27,7 +25,6 @@ from piezo_opt.effects import (
     MaxwellSlip,
     Offset,
     PiezoGain,
-    Preisach,
     RateDependence,
     Saturation,
     SlewLimit,
@@ -36,7 +33,7 @@ from piezo_opt.effects.base import Chain, Equations, Parameter, Place
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.measurement import FloatArray
 from piezo_opt.symbolic import sin
-from tests.diagnosis.plants import MOVING, STILL, but, clock, measured, rich
+from tests.diagnosis.plants import MOVING, STILL, but, clock, measured, opened, rich
 
 LINE = PiezoGain() + Offset()
 TIME = clock(1200)
@@ -288,33 +285,10 @@ def test_an_effect_is_named_beside_a_law_that_is_not_the_base_model_s(
     assert found.final.model.hysteresis != "bouc_wen"
 
 
-def test_the_fewest_effects_come_first_and_each_law_once() -> None:
-    """Best first, as a search has them; of three rows the first with anything new is taken."""
-    loop, plays = Members(STILL), Members(STILL.replaced("bouc_wen", Preisach()))
-    slip, moving = Members(STILL.replaced("bouc_wen", MaxwellSlip())), Members(MOVING)
-    one, two = loop.with_(Creep()), loop.with_(Creep()).with_(Saturation())
-    other = loop.with_(Saturation())
-    best = [two, one, other, plays, moving, slip, loop]
-    asks = {plays: 13, moving: 10, slip: 6, loop: 7, one: 9, other: 8, two: 10}.__getitem__
-
-    def first(beam: int, *expanded: Members) -> list[Members]:
-        return fewest(best, beam, [m.hypothesis for m in expanded], asks)
-
-    assert first(1) == [moving, slip]  # plays ask for more than twice as many numbers as the slip
-    assert first(1, moving, slip) == [plays]
-    assert first(1, plays, slip, loop) == [one]
-    assert first(2, plays, slip, loop) == [one, other]
-    assert first(3, plays, slip, loop, one) == [other]
-    assert first(3, plays, slip, loop, one, other) == [two]
-    assert first(3, *best) == []
-
-
 def test_what_the_fitted_parameters_imitate_is_not_fitted() -> None:
     """It adds nothing, and would be credited with a fit that only got stuck without it."""
-    time = clock(600)
-    fit = po.solve(po.Identification(STILL, measured(STILL, time, rich(time))))
-    book = Book(fit, 1, 1)
-    (suspect,), _ = scored(fit, (Creep(1),), 1, book.colour)
+    book = opened()
+    (suspect,), _ = scored(book.foot, (Creep(1),), 1, book.colour)
     assert suspect.visibility > 0.01
     assert adds(book.base, (replace(suspect, wrong_side=False),), 1, book)
     assert not adds(book.base, (replace(suspect, wrong_side=False, visibility=1e-4),), 1, book)

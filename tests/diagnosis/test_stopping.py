@@ -18,6 +18,8 @@ from piezo_opt.stopping import Pool, TimeLimit
 from problems import hidden_effect
 from tests.diagnosis.plants import but
 
+following = Frontier.next
+
 
 def test_a_pool_begins_nothing_after_an_interrupt() -> None:
     began: list[int] = []
@@ -66,14 +68,15 @@ def test_a_process_in_the_background_is_deaf_to_interrupts_and_limited_all_the_s
         signal.signal(signal.SIGINT, before)
 
 
-def test_what_was_accepted_before_an_interrupt_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(_: Frontier, at: Members) -> Members:
-        """After the base model's neighbours were fitted, before the best of them is expanded."""
-        if at.effects:
-            raise KeyboardInterrupt
-        return at
+def interrupted(frontier: Frontier, *, quiet: bool) -> list[Members]:
+    """After the base model's neighbours were fitted, before the best of them is expanded."""
+    if frontier.expanded:
+        raise KeyboardInterrupt
+    return following(frontier, quiet=quiet)
 
-    monkeypatch.setattr(Frontier, "_lightest", interrupted)
+
+def test_what_was_accepted_before_an_interrupt_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Frontier, "next", interrupted)
     train, test = hidden_effect.data().split(hidden_effect.SPLIT)
     found = diagnose(train, test=test, withhold=but("creep", "drift"))
     assert found.stopped is Stopped.USER
@@ -86,12 +89,7 @@ def test_what_was_accepted_before_an_interrupt_is_kept(monkeypatch: pytest.Monke
 def test_the_nearest_name_so_far_is_no_answer_while_more_than_noise_is_left(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def interrupted(_: Frontier, at: Members) -> Members:
-        if at.effects:
-            raise KeyboardInterrupt
-        return at
-
-    monkeypatch.setattr(Frontier, "_lightest", interrupted)
+    monkeypatch.setattr(Frontier, "next", interrupted)
     train, _ = hidden_effect.data().split(hidden_effect.SPLIT)
     hum = 10.0 * hidden_effect.noise_rms() * np.sin(300.0 * train.time)
     found = diagnose(replace(train, position=train.position + hum), withhold=but("creep"))

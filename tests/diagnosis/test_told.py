@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-import piezo_opt as po
-from piezo_opt.diagnosis.book import Book, Start
+from piezo_opt.diagnosis.book import Start
 from piezo_opt.diagnosis.evidence import RESOLUTION
 from piezo_opt.diagnosis.judge import Judge
 from piezo_opt.diagnosis.told import told
 from piezo_opt.effects import Creep
-from tests.diagnosis.plants import STILL, clock, measured, rich
+from tests.diagnosis.plants import opened
 
 
 @pytest.mark.parametrize("strength", [0.0019, 0.003])
 def test_of_answers_that_are_even_the_one_with_fewer_names_is_told(strength: float) -> None:
-    time = clock(600)
-    hidden = (Creep(1), {"c": strength, "tau": 0.1})
-    fit = po.solve(po.Identification(STILL, measured(STILL, time, rich(time), hidden)))
-    book = Book(fit, 1, 1)
+    book = opened((Creep(1), {"c": strength, "tau": 0.1}))
     named = book.base.with_(Creep(1))
     book.race([Start(named, None)])
     asked = book.price(book.base) - book.price(named)
