@@ -120,8 +120,8 @@ class BasePoint:
     ) -> Iterator[Direction]:
         """Derivatives by the gate of an effect that is not in the model, one for each shape.
 
-        One after the other, because of a long record each is large. Shapes whose derivatives are
-        not finite are left out.
+        One after the other, because of a long record each is large. Shapes whose derivatives
+        explode are left out.
 
         Args:
             effect: the effect.
@@ -173,7 +173,7 @@ class BasePoint:
                 _, slope = simulators[key][index].with_sensitivities(numbers)
                 columns.append(slope[record.counted, 0])
             whole = self.colour.whitened(self._weight * np.concatenate(columns))
-            if not np.isfinite(whole).all():
+            if not np.abs(whole).max(initial=0.0) < _EXPLODED:
                 continue
             yield Direction(dict(shapes), whole, self.project(whole))
 

@@ -332,3 +332,24 @@ def test_who_is_scored_in_one_form_is_not_said_to_be_left_out_in_another(still: 
     suspects, unscored = score(still, offered)
     assert [s.effect for s in suspects] == [SecondMode()]
     assert [one.name for one in unscored] == ["friction"]
+
+
+@final
+@dataclass(frozen=True)
+class Explodes(Effect):
+    """y = x + 1e200 a t, an effect whose derivative is no number any more."""
+
+    place = Place.OUTPUT
+    a = Parameter("m", "amplitude", nominal=0.0, null=0.0)
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """The reading with a part that grows without bound."""
+        return Equations(gives=chain.incoming.value + 1e200 * p.a * chain.time)
+
+
+def test_an_effect_whose_derivative_explodes_is_left_out_with_a_sentence(still: BasePoint) -> None:
+    suspects, unscored = score(still, (Explodes(), Drift()))
+    assert {s.name for s in suspects} == {"drift"}
+    assert [(u.name, u.why) for u in unscored] == [
+        ("explodes", "its sensitivities are not finite on this record.")
+    ]
