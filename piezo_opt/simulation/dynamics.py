@@ -100,8 +100,8 @@ class Whole:
     ) -> FloatArray:
         """States (n,) at rest."""
         unmoved = np.zeros(len(self._system.state_names))
-        given = [time, drive, channels, parameters, unmoved]
-        return np.array(self._system.start(*given), dtype=float).ravel()
+        started = self._system.start.call([time, drive, channels, parameters, unmoved])
+        return np.asarray(started[0].full()).ravel()
 
 
 def delay_of(system: System, prefer_compiled: bool = True) -> Callable[[FloatArray], float] | None:

@@ -118,7 +118,7 @@ class VirtualMachine:
     ) -> tuple[FloatArray, FloatArray]:
         """States (n,) and their sensitivities (n, k) at rest, plus a deviation (n,)."""
         given = (parameters, segment.time[0], segment.drive[0], segment.channels[0], deviation)
-        x, s = (np.array(out, dtype=float).ravel() for out in self._scheme.start(*given))
+        x, s = (out.full().ravel() for out in self._scheme.start(*given))
         return x, _unpack(self._scheme, s, x.size)
 
     def from_rest(
@@ -204,7 +204,7 @@ class VirtualMachine:
             part = rows[:, begin : begin + size]
             # The last chunk is filled up with repetitions, whose results are not read.
             filled = np.pad(part, ((0, 0), (0, size - part.shape[1])), mode="edge")
-            out = np.array(self._chunks[size](state, filled, p))[:, : part.shape[1]]
+            out = self._chunks[size](state, filled, p).full()[:, : part.shape[1]]
             state = out[:, -1]
             done.append(out)
             begin += size
@@ -239,4 +239,4 @@ def _map(
     # A column is the same for every reading, so CasADi repeats it.
     given = {**{n: np.atleast_2d(a) for n, a in inputs.items()}, "p": p[:, None]}
     y, j = reading.call([ca.DM(given[n]) for n in reading.name_in()])
-    return np.array(y), np.array(j).reshape(-1, count)
+    return y.full(), j.full().reshape(-1, count)

@@ -340,7 +340,7 @@ def longest(part: LinearPart, parameters: FloatArray) -> float:
     """The longest sub-step [s] over which the blocks of a part are as good as exact."""
     if not part.blocks:
         return np.inf
-    matrix = np.array(ca.densify(part.matrix(parameters)))
+    matrix = part.matrix(parameters).full()
     return reach(matrix, zip(part.blocks, part.heard, strict=True))
 
 

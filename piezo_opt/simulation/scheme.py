@@ -241,7 +241,7 @@ def _pattern(system: System, directions: Sequence[str]) -> NDArray[np.bool_]:
 
     def dense(function: ca.Function, out: int, into: int) -> NDArray[np.bool_]:
         sparsity = function.jac_sparsity(out, into)
-        return np.asarray(np.array(ca.DM(sparsity, 1)).reshape(sparsity.shape) != 0)
+        return np.asarray(ca.DM(sparsity, 1).full() != 0)
 
     if nx == 0 or nd == 0:
         return np.zeros((nx, nd), dtype=bool)

@@ -232,5 +232,5 @@ def _call(function: object, given: Mapping[str, FloatArray], count: int) -> list
             else:
                 columns.append(np.zeros((rows, size)))
         found = function.map(size)(*columns)  # type: ignore[attr-defined]
-        parts.append([np.array(out, dtype=float) for out in found])
+        parts.append([out.full() for out in found])
     return [np.hstack(outs) for outs in zip(*parts, strict=True)]

@@ -366,3 +366,23 @@ def test_what_has_faded_away_is_zero_and_the_caller_keeps_his_smallest_numbers()
     smallest = np.finfo(float).tiny
     assert not ((ratio > 0.0) & (ratio < smallest)).any()
     assert np.multiply(smallest, 0.25) > 0.0
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_an_interrupt_at_any_moment_is_one(monkeypatch: pytest.MonkeyPatch, exact: bool) -> None:
+    """NumPy's own conversion of CasADi's numbers makes a SystemError of it."""
+    model = PiezoGain() + Creep() + SecondOrder()
+    values = opened(model)
+    time = np.arange(50) / 1e3
+    record = Measurement(time, 50.0 * np.sin(40.0 * time), time, allow_saturated=True)
+    run = Simulator(
+        model, record, values, substeps=Substeps(1e-3, 1e9, exact=exact), prefer_compiled=False
+    )
+    run.reading(values)
+
+    def interrupted(_: ca.DM) -> object:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(ca.DM, "full", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run.reading(values)
