@@ -478,7 +478,7 @@ def test_duhem_with_a_straight_curve_is_bouc_wen_with_an_asymmetry() -> None:
 
 def test_duhem_goes_to_its_curve_on_either_branch() -> None:
     time = np.linspace(0.0, 1.0, 101)
-    law = {"duhem.alpha": 2e-8, "duhem.beta": 0.2, "duhem.sigma": 1e-8, "duhem.k": 0.025,
+    law = {"duhem.alpha": 2e-8, "duhem.beta": 0.2, "duhem.sigma": 1e-8, "duhem.bend": 6.25e-4,
            "duhem.c": -10.0}  # fmt: skip
     _, states = respond(PiezoGain() + Duhem(), time, 1000.0 * time, law, 1e-3)
     # Far above its middle the curve is flat, and h is alpha / beta above it.

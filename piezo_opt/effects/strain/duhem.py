@@ -14,12 +14,12 @@ from piezo_opt.symbolic import abs_, sqrt
 class Duhem(Effect):
     """Hysteretic displacement that goes to a curve of the drive, in the place of bouc_wen.
 
-        h' = alpha v' + beta |v'| (sigma e / sqrt(1 + k^2 e^2) - h),   e = v - c
+        h' = alpha v' + beta |v'| (sigma e / sqrt(1 + bend e^2) - h),   e = v - c
         s += -h
 
     h relaxes to a curve of the drive and is as far off it on either branch as alpha says. With
-    sigma = 0 it is Bouc-Wen without its gamma; with k = 0 (the default, kept fixed like c, which an
-    offset replaces then) the curve is a line.
+    sigma = 0 it is Bouc-Wen without its gamma; with bend = 0 (the default, kept fixed like c, which
+    an offset replaces then) the curve is a line.
 
     References: Coleman & Hodgdon (1986), Int. J. Engineering Science 24(6), 897-919; Visintin
     (1994), Differential Models of Hysteresis, Springer, ch. V (Duhem models).
@@ -38,9 +38,9 @@ class Duhem(Effect):
         "m/V", "slope of the curve in its middle", nominal=0.0, bounds=(-1e-3, 1e-3),
         typical=(-1e-7, 1e-7),
     )  # fmt: skip
-    k = Parameter(
-        "1/V", "bend of the curve: it is flat from 1/k on", nominal=0.0, bounds=(0.0, 1e3),
-        typical=(0.0, 1e-1), fixed=True, detail=True,
+    bend = Parameter(
+        "1/V^2", "bend of the curve: it is flat from 1 / sqrt(bend) on", nominal=0.0,
+        bounds=(0.0, 1e6), typical=(0.0, 1e-2), fixed=True, detail=True,
     )  # fmt: skip
     c = Parameter(
         "V", "middle of the curve", nominal=0.0, bounds=(-1e6, 1e6), typical=(-50.0, 100.0),
@@ -50,7 +50,6 @@ class Duhem(Effect):
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The loop's rate, and its contribution to the free displacement."""
         e, rate = chain.drive.value - p.c, chain.drive.rate
-        bend = p.k * e
-        curve = p.sigma * e / sqrt(1.0 + bend * bend)
+        curve = p.sigma * e / sqrt(1.0 + p.bend * e * e)
         moves = p.alpha * rate + p.beta * abs_(rate) * (curve - x.h)
         return Equations(gives=-x.h, moves={"h": moves})
