@@ -19,6 +19,7 @@ from piezo_opt.diagnosis.evidence import RESOLUTION, WORTH, charge, criterion, n
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.noise import is_noise
 from piezo_opt.diagnosis.refit import SETTLED, refit
+from piezo_opt.diagnosis.richer import freed
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
@@ -269,7 +270,14 @@ class Book:
                 below = Members(members.base).question(self.question)
                 self._bases[key] = starting_values(below, Monitor(()))
             base = self._bases[key]
-            return None if base is None else starting_values(question, Monitor(()), base)
+            if base is None:
+                return None
+            record = question.campaign.records[0]
+            details = {
+                key: start for name, effect in members.model
+                for key, start in freed(name, effect, record).items() if key in members.free
+            }  # fmt: skip
+            return Values({**starting_values(question, Monitor(()), base), **details})
         except NO_FIT:
             self._bases.setdefault(key, None)
             return None

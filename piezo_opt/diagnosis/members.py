@@ -11,7 +11,7 @@ from typing import final
 from piezo_opt.effects.base import Effect
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.effects.model import Model
-from piezo_opt.identification import Identification
+from piezo_opt.identification import Identification, ringing
 
 _ORDER = {name: place for place, name in enumerate(CATALOGUE)}
 
@@ -85,7 +85,7 @@ class Members:
         model = self.model
         asked = foot.with_model(model)
         free = (*asked.free, *(k for k in self.free if k in model.parameters))
-        return replace(asked, free=free)
+        return ringing(replace(asked, free=free), foot.model)
 
 
 def _place(effect: Effect) -> tuple[int, str]:

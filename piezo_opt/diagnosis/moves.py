@@ -39,14 +39,19 @@ def adds(
     """The likeliest effects, one at a time, each also with the details of its shape free.
 
     What an effect does may show in its details alone: a limit that differs up and down is no limit
-    that is the same. From a fresh start only the likelier form of each: another form is a neighbour
-    of it.
+    that is the same. A fresh start has those of the law free as well, because what is missing has
+    bent the law. Only the likelier form of each has one: another form is a neighbour of it.
     """
     found, asked = [], set()
     for suspect in _likeliest(suspects, most):
-        starts = _joined(at, (suspect,), book)
-        found += starts if fresh and suspect.name not in asked else starts[:1]
-        found += [_in_full(start, suspect.effect, book) for start in starts[:1]]
+        starts = _joined(at, (suspect,), book)[:1]
+        found += starts
+        for start in starts:
+            full = _in_full(start, suspect.name, book)
+            found.append(full)
+            if fresh and suspect.name not in asked:
+                law = full.members.law
+                found.append(replace(_in_full(full, law, book) if law else full, values=None))
         asked.add(suspect.name)
     return found
 
@@ -247,9 +252,10 @@ def _joined(at: Members, suspects: Sequence[Suspect], book: Book) -> list[Start]
     return [begun, Start(members, None)] if members.law == book.base.law else [begun]
 
 
-def _in_full(start: Start, effect: Effect, book: Book) -> Start:
+def _in_full(start: Start, name: str, book: Book) -> Start:
     """A start with the details of an effect's shape free."""
-    details = freed(effect.name, effect, book.question.campaign.records[0])
+    effect = start.members.model[name]
+    details = freed(name, effect, book.question.campaign.records[0])
     free = tuple(sorted({*start.members.free, *details}))
     return Start(replace(start.members, free=free), {**details, **(start.values or {})})
 

@@ -19,7 +19,7 @@ from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.motion.spring import Spring
 from piezo_opt.errors import NO_FIT
-from piezo_opt.identification import Fit, Identification
+from piezo_opt.identification import Fit, Identification, ringing
 from piezo_opt.identification.shapes import detail_start, own, resonances
 from piezo_opt.identification.starting import resonance_start
 from piezo_opt.measurement import Measurement
@@ -85,7 +85,7 @@ def with_mechanics(fit: Fit) -> list[Richer]:
     mechanics = SecondOrder()
     model = fit.model.replaced(spring, mechanics) if spring else fit.model + mechanics
     joined = next(name for name, effect in model if effect == mechanics)
-    question = fit.question.with_model(model)
+    question = ringing(fit.question.with_model(model), fit.model)
     softness = {
         gate: fit.values[gate] / fit.values[f"{spring}.omega"] ** 2
         for name, gate in fit.model.gates.items()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.output.offset import Offset
 from piezo_opt.effects.strain.bouc_wen import BoucWen
 from piezo_opt.effects.strain.piezo_gain import PiezoGain
+from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.quick import ENOUGH, quick
 from piezo_opt.identification.stretch import busiest
 from piezo_opt.measurement import Campaign, Measurement
@@ -18,12 +20,10 @@ from piezo_opt.measurement.spectra import without_line
 
 _STILL = 3e-10
 """Share of the drive's power near a resonance below which the drive cannot have shown it."""
-_SHAKEN = 3e-7
-"""The same at the peak of a resonance that a first fit did not see."""
 _SAMPLED = 2.5
 """Fewest samples a cycle."""
-_DAMPED = 0.7
-"""A resonance with more damping has no peak and no ringing: a lag would do as well."""
+_DAMPED = 1.0 / np.sqrt(2.0)
+"""Damping ratio from which the response has no peak: a lag would do as well."""
 
 
 def default_model(
@@ -32,9 +32,9 @@ def default_model(
     """Piezo gain + Bouc-Wen + second order + offset, quasi-static where no resonance is seen.
 
     The mechanics are kept when, on the first record, they lower the Bayesian information
-    criterion by more than 10 and the residual by at least 2 %, with a damping ratio below 0.7
-    and a natural frequency that the drive excites and the sampling holds (at least 2.5 samples a
-    cycle).
+    criterion by more than 10 and the residual by at least 2 %, with a damping ratio below
+    1 / sqrt(2) and a natural frequency that the drive excites and the sampling holds (at least
+    2.5 samples a cycle).
 
     Returns:
         the model, and sentences on what was left out and why.
@@ -76,17 +76,14 @@ def default_model(
     return moving, ()
 
 
-def shown(record: Measurement, omega: float, zeta: float) -> bool:
-    """Whether a record shows a resonance that a first fit did not see.
+def ringing(question: Identification, foot: Model) -> Identification:
+    """The question, with mechanics that are not in the model at the foot held to where they ring.
 
-    Damped below 0.7, sampled, and with a peak above what shakes it: the drive's share of power
-    near it, times the resonance's 1 / (4 zeta^2). Beside an effect, a resonance without such a
-    peak is but one more way to bend a loop. The hundredth harmonic of a triangle (1e-7 of its
-    power) is enough for a damping of 0.2, the noise of a sine that was recorded for none.
+    Beside what is missing, overdamped mechanics are but another lag.
     """
-    sampled = omega * record.step <= 2.0 * np.pi / _SAMPLED
-    peak = excitation(record, omega) / (4.0 * zeta**2)
-    return zeta < _DAMPED and sampled and peak >= _SHAKEN
+    joined = [n for n, e in question.model if isinstance(e, SecondOrder) and n not in foot]
+    held = {f"{n}.zeta": (SecondOrder.zeta.bounds[0], _DAMPED) for n in joined}
+    return replace(question, bounds={**held, **question.bounds}) if held else question
 
 
 def excitation(record: Measurement, omega: float) -> float:
