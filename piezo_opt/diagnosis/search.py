@@ -172,7 +172,8 @@ class _Run:
             book.race(pairs(at, near[at], self.effort.near, book))
 
     def _exchange_law(self, at: Members) -> None:
-        """Fit a set of the base model's own law with others, where it is not enough.
+        """Fit a set with other laws, where it is not enough, or where a law may do what one of two
+        effects does.
 
         Laws have more numbers than an effect and come to their own later: at the foot all go on,
         unless an effect has been enough.
@@ -180,9 +181,10 @@ class _Run:
         book, quiet = self.book, self.quiet
         then = self.frontier.expanded[at.hypothesis]
         done = is_noise(then, self.least)
-        if at.law == book.base.law and (len(at.names) > 1 or not done):
+        own = at.law == book.base.law and not done
+        if own or len(at.names) > 1:
             book.race(
-                _lawful(at, then, self.withheld, book, done=done, quiet=quiet),
+                _lawful(at, then, self.withheld, book, alone=own, quiet=quiet),
                 everyone=not (quiet or at.effects),
                 beyond=book[book.best].rms if quiet else float("inf"),
             )
@@ -237,9 +239,9 @@ def _exchanged(
 
 
 def _lawful(
-    at: Members, fit: Fit, withheld: Sequence[str], book: Book, *, done: bool, quiet: bool
+    at: Members, fit: Fit, withheld: Sequence[str], book: Book, *, alone: bool, quiet: bool
 ) -> list[Start]:
-    """Another law in the place of the base model's own, and in that of it and one of two effects:
+    """Another law in the place of the base model's own, and in that of any and one of two effects:
     what an effect does beside one law, another may do by itself.
 
     Without effects, with the details and mechanics that the own law asked for: a law is judged by
@@ -250,7 +252,7 @@ def _lawful(
         own = (m for m in book.leading if not m.effects and m.law == at.law)
         at = next(own, at)
         fit = book.settled(at)
-    places = [] if done else [at]
+    places = [at] if alone else []
     if len(at.names) > 1:
         places += [at.without(name) for name in at.names]
     starts = [start for place in places for start in laws(place, fit, withheld, book)]
