@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, final
 
 import numpy as np
 import scipy
@@ -18,9 +19,11 @@ _LOBE, _ASIDE = 3.0, 8.0
 """Cycles within which a line is as wide as the stroke makes it, even where a sine dwells at its
 ends, and those up to which its surroundings are looked at."""
 _PEAK: Final = 10.0
-"""Power of a line over the highest beside it. Of noise, whose powers there are exponentially
-distributed, one spectrum in thousands shows that."""
-_QUICK: Final = 0.9
+"""Power of a line over the highest that is left beside it. Of noise, whose powers there are
+exponentially distributed, one spectrum in thousands shows that."""
+_TRIED: Final = 3
+"""Highest peaks that are tried: where a record dwells at few positions, a line has copies."""
+_QUICK: Final = 0.5
 """Share of the samples between which the position must move by less than half a period."""
 
 
@@ -29,7 +32,9 @@ def period(position: FloatArray, residual: FloatArray) -> float | None:
 
         P(k) = |sum_i r_i exp(-2 pi i k y_i / Y)|^2
 
-    with the stroke Y and k cycles over it: a line is a k with far more power than its surroundings.
+    with the stroke Y and k cycles over it: a line is a k with far more power than what is left of
+    its surroundings without it. With it they may hold its copies, where the record dwells at few
+    positions.
 
     Args:
         position: modelled reading (N,) [m].
@@ -40,22 +45,46 @@ def period(position: FloatArray, residual: FloatArray) -> float | None:
     if stroke <= 0.0 or quick <= 0.0:
         return None
     most = min(_MOST, 0.5 * stroke / quick)
-    power = _power((position - position.min()) / stroke, residual, most + _ASIDE)
+    way = (position - position.min()) / stroke
+    power = _power(way, residual, most + _ASIDE)
     cycles = _FINE * np.arange(power.size)
     peaks = np.r_[False, (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]), False]
     inside = np.flatnonzero(peaks & (cycles >= _LEAST) & (cycles <= most))
-    if inside.size == 0:
-        return None
-    near, far = round(_LOBE / _FINE), round(_ASIDE / _FINE)
-    beside = np.ones(2 * far + 1, dtype=bool)
-    beside[far - near : far + near + 1] = False
-    around = scipy.ndimage.maximum_filter(power, footprint=beside, mode="nearest")
-    best = inside[np.argmax(power[inside] / np.maximum(around[inside], 1e-300))]
-    if power[best] <= _PEAK * around[best]:
-        return None
-    before, at, after = power[best - 1 : best + 2]
-    shift = 0.5 * (before - after) / (before - 2.0 * at + after)
-    return stroke / float(cycles[best] + _FINE * shift)
+    found, most_above = None, _PEAK
+    for peak in inside[np.argsort(-power[inside])][:_TRIED]:
+        line = _line(way, residual, float(cycles[peak]))
+        rest = _power(way, residual - line.explained, most + _ASIDE)
+        aside = np.abs(cycles - cycles[peak])
+        around = rest[(aside > _LOBE) & (aside <= _ASIDE)].max(initial=0.0)
+        if power[peak] > most_above * around:
+            found, most_above = line, power[peak] / max(around, np.finfo(float).tiny)
+    return None if found is None else stroke / found.cycles
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """A sine of a residual along the way, and how many cycles of it there are."""
+
+    cycles: float
+    explained: FloatArray
+
+
+def _line(way: FloatArray, residual: FloatArray, near: float) -> _Line:
+    """The sine nearest to a number of cycles that explains most of a residual."""
+
+    def explained(cycles: float) -> FloatArray:
+        waves = np.exp(2j * np.pi * cycles * way)
+        columns = np.column_stack([waves.real, waves.imag])
+        size, *_ = np.linalg.lstsq(columns, residual, rcond=None)
+        return np.asarray(columns @ size)
+
+    best = scipy.optimize.minimize_scalar(
+        lambda cycles: -float(residual @ explained(cycles)),
+        bounds=(near - _FINE, near + _FINE),
+        method="bounded",
+    )
+    return _Line(float(best.x), explained(float(best.x)))
 
 
 def _power(way: FloatArray, residual: FloatArray, most: float) -> FloatArray:

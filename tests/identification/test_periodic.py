@@ -40,6 +40,16 @@ def test_two_sensors_errors_of_one_stroke_are_not_mistaken_for_each_other() -> N
         assert period(TRIANGLE, fringes + noise(2)) == pytest.approx(length, rel=5e-3)
 
 
+def test_fringes_are_told_where_a_stage_dwells_and_rings() -> None:
+    """Few positions hold most samples, and copies of the line stand beside it."""
+    left = HELD - np.repeat(np.r_[HELD[0], HELD[:-500:500]], N // 12)
+    since = np.arange(N) % (N // 12)
+    way = HELD - left * np.exp(-since / 60.0) * np.cos(0.7 * since)
+    fringes = 3.0 * np.sin(2.0 * np.pi * way / FRINGE + 0.7)
+    assert period(way, fringes + noise(5)) == pytest.approx(FRINGE, rel=2e-3)
+    assert period(way, noise(5, 0.99)) is None
+
+
 @pytest.mark.parametrize("way", [TRIANGLE, SINE, HELD])
 @pytest.mark.parametrize("rho", [0.0, 0.9, 0.99])
 def test_noise_repeats_with_nothing(way: FloatArray, rho: float) -> None:
@@ -59,10 +69,11 @@ def test_what_bends_or_lags_does_not_repeat(way: FloatArray) -> None:
 def test_too_few_periods_or_samples_tell_nothing() -> None:
     bend = np.sin(2.0 * np.pi * TRIANGLE / 3e-6)
     assert period(TRIANGLE, bend) is None
-    # Between two samples the position moves by more than half a period.
     walk = np.cumsum(np.random.default_rng(1).normal(size=600))
     few = 9e-6 * (walk - walk.min()) / np.ptp(walk)
     assert period(few, np.sin(2.0 * np.pi * few / 1e-6)) == pytest.approx(1e-6, rel=5e-3)
-    assert period(few, np.sin(2.0 * np.pi * few / 5e-7)) is None
+    # Between most samples the position moves by more than half a period.
+    steady = TRIANGLE[::100]
+    assert period(steady, np.sin(2.0 * np.pi * steady / 3e-7)) is None
     assert period(np.zeros(N), noise(4)) is None
     assert period(np.zeros(1), np.zeros(1)) is None
