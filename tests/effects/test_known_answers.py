@@ -476,15 +476,21 @@ def test_duhem_with_a_straight_curve_is_bouc_wen_with_an_asymmetry() -> None:
     np.testing.assert_allclose(one, two, rtol=0, atol=1e-8 * np.ptp(two))
 
 
-def test_duhem_goes_to_its_curve_on_either_branch() -> None:
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_duhem_follows_its_curve_on_either_branch(way: float) -> None:
+    """Once its start is forgotten, h is ahead of the curve g by a / b, less what g itself does."""
     time = np.linspace(0.0, 1.0, 101)
-    law = {"duhem.alpha": 2e-8, "duhem.beta": 0.2, "duhem.sigma": 1e-8, "duhem.bend": 6.25e-4,
-           "duhem.c": -10.0}  # fmt: skip
-    _, states = respond(PiezoGain() + Duhem(), time, 1000.0 * time, law, 1e-3)
-    # Far above its middle the curve is flat, and h is alpha / beta above it.
-    assert states["duhem.h"][-1] == pytest.approx(1e-8 * 40.0 + 2e-8 / 0.2, rel=1e-3)
-    _, states = respond(PiezoGain() + Duhem(), time, -1000.0 * time, law, 1e-3)
-    assert states["duhem.h"][-1] == pytest.approx(-1e-8 * 40.0 - 2e-8 / 0.2, rel=1e-3)
+    alpha, beta, sigma, second, third = 2e-8, 0.2, 1e-8, 3e-11, -4e-13
+    law = {"alpha": alpha, "beta": beta, "sigma": sigma, "second": second, "third": third}
+    given = {f"duhem.{name}": value for name, value in law.items()}
+    _, states = respond(PiezoGain() + Duhem(), time, way * 200.0 * time, given, 1e-4)
+    v = way * 200.0
+    curve = sigma * v + second * v**2 + third * v**3
+    first = sigma + 2.0 * second * v + 3.0 * third * v**2
+    behind = way * first / beta - (2.0 * second + 6.0 * third * v) / beta**2
+    behind += way * 6.0 * third / beta**3
+    expected = curve + way * alpha / beta - behind
+    assert states["duhem.h"][-1] == pytest.approx(expected, rel=1e-5)
 
 
 def wander(size: int = 300) -> tuple[NDArray[Any], NDArray[Any]]:
