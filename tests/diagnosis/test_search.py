@@ -292,3 +292,16 @@ def test_what_the_fitted_parameters_imitate_is_not_fitted() -> None:
     assert suspect.visibility > 0.01
     assert adds(book.base, (replace(suspect, wrong_side=False),), 1, book)
     assert not adds(book.base, (replace(suspect, wrong_side=False, visibility=1e-4),), 1, book)
+
+
+def test_a_fresh_start_has_the_details_of_law_and_effect_free() -> None:
+    """Where they begin away from their nominal values: what is missing has bent the law."""
+    book = opened()
+    (suspect,), _ = scored(book.foot, (Saturation(),), 1, book.colour)
+    starts = adds(book.base, (replace(suspect, wrong_side=False, visibility=1.0),), 1, book)
+    (fresh,) = (start for start in starts if start.values is None)
+    assert fresh.members.free == ("bouc_wen.n", "saturation.c", "saturation.softness")
+    begun = book.fresh(fresh.members)
+    assert begun is not None
+    parameters = fresh.members.model.parameters
+    assert all(begun[name] != parameters[name].nominal for name in fresh.members.free)
