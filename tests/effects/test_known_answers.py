@@ -1276,14 +1276,25 @@ def test_a_senseless_number_of_elements_is_refused(size: object) -> None:
 
 @pytest.mark.parametrize("lag", [AmplifierLag(poles=2), SensorLag(poles=2)])
 def test_a_lag_of_two_poles_answers_a_ramp_both_time_constants_later(lag: Effect) -> None:
-    time = np.linspace(0, 1, 101)
-    values = {f"{lag.name}.share": 1.0, f"{lag.name}.tau": 0.02, f"{lag.name}.ratio": 0.5}
+    """Time constants of 20 ms and 10 ms: tau^2 is their product, 2 zeta tau their sum."""
+    time, tau = np.linspace(0, 1, 101), np.sqrt(0.02 * 0.01)
+    values = {f"{lag.name}.share": 1.0, f"{lag.name}.tau": tau, f"{lag.name}.zeta": 0.015 / tau}
     reading, _ = respond(PiezoGain() + lag, time, 10 * time, values, 1e-3)
     np.testing.assert_allclose(reading[60:], 1e-6 * (time[60:] - 0.03), rtol=0, atol=1e-11)
     # It sets off flat: the second pole waits for the first.
-    first = {k: v for k, v in values.items() if not k.endswith("ratio")}
-    alone, _ = respond(PiezoGain() + type(lag)(), time, 10 * time, first, 1e-3)
+    alone, _ = respond(
+        PiezoGain() + type(lag)(), time, 10 * time, {**values, f"{lag.name}.tau": 0.02}, 1e-3
+    )
     assert 0.0 < reading[1] < 0.5 * alone[1]
+
+
+@pytest.mark.parametrize("lag", [AmplifierLag(poles=2), SensorLag(poles=2)])
+def test_a_filter_of_butterworth_overshoots_a_step_by_four_per_cent(lag: Effect) -> None:
+    time = np.linspace(0.0, 0.2, 2001)
+    values = {f"{lag.name}.share": 1.0, f"{lag.name}.tau": 0.01, f"{lag.name}.zeta": np.sqrt(0.5)}
+    drive = np.where(time < 0.02, 0.0, 10.0)
+    reading, _ = respond(PiezoGain() + lag, time, drive, values, 1e-5)
+    assert reading.max() / reading[-1] - 1.0 == pytest.approx(np.exp(-np.pi), rel=1e-3)
 
 
 @pytest.mark.parametrize("kind", [AmplifierLag, SensorLag, ChargeBackCoupling])

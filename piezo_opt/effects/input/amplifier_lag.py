@@ -7,13 +7,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
-from piezo_opt.effects.series_lag import (
-    RATIO,
-    lag_rates,
-    like_a_lag,
-    time_constants,
-    with_second_pole,
-)
+from piezo_opt.effects.lags import DAMPING, lagging, like_a_lag, with_second_pole
 from piezo_opt.symbolic import stack
 
 
@@ -22,11 +16,11 @@ from piezo_opt.symbolic import stack
 class AmplifierLag(Effect):
     """Lag of amplifier and actuator capacitance, of first or second order, entered through a share.
 
-        tau z_1' = u - z_1,   ratio tau z_2' = z_1 - z_2
-        v = u + share (z - u)
+        tau z_1' = u - z_1
+        tau z_1' = z_2,   tau z_2' = u - z_1 - 2 zeta z_2   two poles
+        v = u + share (z_1 - u)
 
-    z is z_1, or z_2 with poles = 2. The share is regular at 0 (no lag) and a pure lag at 1;
-    tau = R C.
+    The share is regular at 0 (no lag) and a pure lag at 1; tau = R C.
 
     References: Fleming & Leang (2014), Design, Modeling and Control of Nanopositioning
     Systems, ch. 14 (electrical drive of capacitive loads).
@@ -34,7 +28,7 @@ class AmplifierLag(Effect):
 
     poles: int = 1
     place = Place.INPUT
-    z = State("V", "lagged drive, pole by pole", size="poles", trailing=True)
+    z = State("V", "lagged drive, and tau times its rate", size="poles", trailing=True)
     share = Parameter(
         "1", "share of the drive that lags", nominal=0.0, bounds=(0.0, 1.0), typical=(0.2, 1.0),
         null=0.0,
@@ -42,7 +36,7 @@ class AmplifierLag(Effect):
     tau = Parameter(
         "s", "time constant R C", nominal=1e-3, bounds=(1e-7, 0.1), typical=(1e-4, 1e-2)
     )
-    ratio = RATIO
+    zeta = DAMPING
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
         """A short delay is a lag of that time constant; a lag elsewhere is as long here."""
@@ -55,9 +49,8 @@ class AmplifierLag(Effect):
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing drive and the lagged states."""
         u = chain.incoming.value
-        taus = time_constants(self, p)
         return Equations(
-            gives=u + p.share * (x.z[self.poles - 1] - u),
-            moves={"z": lag_rates(x.z, u, taus)},
-            starts={"z": stack([u] * self.poles)},
+            gives=u + p.share * (x.z[0] - u),
+            moves={"z": lagging(self, x.z, u, p)},
+            starts={"z": stack([u, 0.0][: self.poles])},
         )

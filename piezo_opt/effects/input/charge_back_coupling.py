@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
-from piezo_opt.effects.series_lag import RATIO, lag_rates, time_constants, with_second_pole
+from piezo_opt.effects.lags import DAMPING, lagging, with_second_pole
 
 
 @final
@@ -15,11 +15,12 @@ from piezo_opt.effects.series_lag import RATIO, lag_rates, time_constants, with_
 class ChargeBackCoupling(Effect):
     """Drive lost over a series resistance to the charge that the motion generates.
 
-        tau z_1' = x' - z_1,   ratio tau z_2' = z_1 - z_2,   tau = R C
-        v = u - kappa z,   kappa = R T
+        tau z_1' = x' - z_1,   tau = R C
+        tau z_1' = z_2,   tau z_2' = x' - z_1 - 2 zeta z_2   two poles
+        v = u - kappa z_1,   kappa = R T
         tau w' = u - w - tau back x',   v = u + share (w - u),   back = T / C   whole
 
-    z is z_1, or z_2 with poles = 2 (the amplifier's own output pole). With R i = u - v and
+    The second pole is the amplifier's own. With R i = u - v and
     i = C v' + T x' the drive is the lagged command (amplifier_lag) less kappa times the lagged
     velocity, which is the part written first. The whole port, entered through a share, holds the
     lag as well; it gives no energy to the motion, so that back has the sign of the gain d, as kappa
@@ -36,8 +37,8 @@ class ChargeBackCoupling(Effect):
     variants = ({"whole": False}, {"whole": True})
     reshaped = ("whole",)
     z = State(
-        "m/s", "velocity as the capacitance sees it, pole by pole", size="poles", remanent=True,
-        unless="whole",
+        "m/s", "velocity as the capacitance sees it, and tau times its rate", size="poles",
+        remanent=True, unless="whole",
     )  # fmt: skip
     w = State("V", "voltage of the actuator's capacitance", trailing=True, when="whole")
     kappa = Parameter(
@@ -56,7 +57,7 @@ class ChargeBackCoupling(Effect):
         "s", "time constant R C", nominal=1e-4, bounds=(1e-7, 0.1), typical=(1e-5, 1e-2)
     )
 
-    ratio = replace(RATIO, unless="whole")
+    zeta = replace(DAMPING, unless="whole")
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
         """The whole port is an amplifier's lag to which nothing comes back."""
@@ -76,8 +77,7 @@ class ChargeBackCoupling(Effect):
             return Equations(
                 gives=u + p.share * (x.w - u), moves={"w": charged}, starts={"w": u}
             )  # fmt: skip
-        taus = time_constants(self, p)
         return Equations(
-            gives=u - p.kappa * x.z[self.poles - 1],
-            moves={"z": lag_rates(x.z, chain.position.rate, taus)},
+            gives=u - p.kappa * x.z[0],
+            moves={"z": lagging(self, x.z, chain.position.rate, p)},
         )

@@ -7,13 +7,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
-from piezo_opt.effects.series_lag import (
-    RATIO,
-    lag_rates,
-    like_a_lag,
-    time_constants,
-    with_second_pole,
-)
+from piezo_opt.effects.lags import DAMPING, lagging, like_a_lag, with_second_pole
 from piezo_opt.symbolic import stack
 
 
@@ -22,17 +16,18 @@ from piezo_opt.symbolic import stack
 class SensorLag(Effect):
     """Lag of first (or second) order of the displacement sensor, entered through a share.
 
-        tau z_1' = x - z_1,   ratio tau z_2' = z_1 - z_2
-        y = x + share (z - x)
+        tau z_1' = x - z_1
+        tau z_1' = z_2,   tau z_2' = x - z_1 - 2 zeta z_2   two poles
+        y = x + share (z_1 - x)
 
-    z is z_1, or z_2 with poles = 2. The share is regular at 0 (no lag) and a pure lag at 1.
+    The share is regular at 0 (no lag) and a pure lag at 1.
 
     References: Fleming (2013), Sensors and Actuators A 190, 106-126 (sensor bandwidth).
     """
 
     poles: int = 1
     place = Place.OUTPUT
-    z = State("m", "lagged position, pole by pole", size="poles", trailing=True)
+    z = State("m", "lagged position, and tau times its rate", size="poles", trailing=True)
     share = Parameter(
         "1", "share of the reading that lags", nominal=0.0, bounds=(0.0, 1.0), typical=(0.2, 1.0),
         null=0.0,
@@ -40,7 +35,7 @@ class SensorLag(Effect):
     tau = Parameter(
         "s", "time constant of the sensor", nominal=1e-3, bounds=(1e-7, 0.2), typical=(1e-5, 1e-2)
     )
-    ratio = RATIO
+    zeta = DAMPING
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
         """A short delay is a lag of that time constant; a lag elsewhere is as long here."""
@@ -53,9 +48,8 @@ class SensorLag(Effect):
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The outgoing reading and the lagged states."""
         seen = chain.incoming.value
-        taus = time_constants(self, p)
         return Equations(
-            gives=seen + p.share * (x.z[self.poles - 1] - seen),
-            moves={"z": lag_rates(x.z, seen, taus)},
-            starts={"z": stack([seen] * self.poles)},
+            gives=seen + p.share * (x.z[0] - seen),
+            moves={"z": lagging(self, x.z, seen, p)},
+            starts={"z": stack([seen, 0.0][: self.poles])},
         )
