@@ -173,18 +173,18 @@ class _Run:
 
     def _exchange_law(self, at: Members) -> None:
         """Fit a set with other laws, where it is not enough, or where a law may do what one of two
-        effects does.
+        effects does: beside any law where only noise is left.
 
         Laws have more numbers than an effect and come to their own later: at the foot all go on,
         unless an effect has been enough.
         """
         book, quiet = self.book, self.quiet
         then = self.frontier.expanded[at.hypothesis]
-        done = is_noise(then, self.least)
-        own = at.law == book.base.law and not done
-        if own or len(at.names) > 1:
+        done, own = is_noise(then, self.least), at.law == book.base.law
+        alone = own and not done
+        if alone or (len(at.names) > 1 and (own or quiet)):
             book.race(
-                _lawful(at, then, self.withheld, book, alone=own, quiet=quiet),
+                _lawful(at, then, self.withheld, book, alone=alone, quiet=quiet),
                 everyone=not (quiet or at.effects),
                 beyond=book[book.best].rms if quiet else float("inf"),
             )
