@@ -146,6 +146,7 @@ def detail_start(parameter: Parameter, record: Measurement) -> float:
         sizes = {
             "s": 0.01 * record.step, "V": 0.01 * swing, "m": 0.01 * stroke, "1/V": 0.05 / swing,
             "1/m": 0.05 / stroke, "1/K": 1e-3, "1/V^2": 0.05 / swing**2, "1/m^2": 0.05 / stroke**2,
+            "m/V^2": 0.05 * stroke / swing**2, "m/V^3": 0.05 * stroke / swing**3,
         }  # fmt: skip
         value = sizes.get(parameter.unit, 0.0)
     return float(np.clip(value, low, high))

@@ -224,8 +224,10 @@ def draws(answer: Answer, count: int, seed: int) -> tuple[dict[str, float], ...]
         for way in (1.0, -1.0):
             for share in 0.5 ** np.arange(_HALVINGS):
                 moved = unknown.clip(centre + way * share * step)
-                change = np.concatenate(objective.readings(moved)) - before
-                if float(change @ change) <= most:
+                with np.errstate(over="ignore", invalid="ignore"):  # it may be beyond every number
+                    change = np.concatenate(objective.readings(moved)) - before
+                    far = float(change @ change)
+                if far <= most:
                     break
             else:
                 moved = centre

@@ -18,7 +18,7 @@ KNOWN = {name: TRUTH[name] for name in STILL.parameters if name in TRUTH}
     ("effect", "own"),
     [
         (AmplifierLag(), {"share": 1.0, "tau": 2e-3}),
-        (SensorLag(poles=2), {"share": 1.0, "tau": 2e-3, "ratio": 0.4}),
+        (SensorLag(poles=2), {"share": 1.0, "tau": 1.3e-3, "zeta": 1.1}),
         (SlewLimit(), {"share": 1.0, "rate": 1000.0, "tau": 1e-3}),
     ],
 )

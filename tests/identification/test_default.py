@@ -8,7 +8,7 @@ import pytest
 import piezo_opt as po
 from piezo_opt.effects import SecondOrder
 from piezo_opt.identification import default
-from piezo_opt.identification.default import excitation, shown
+from piezo_opt.identification.default import excitation
 from piezo_opt.measurement import FloatArray
 from tests.identification.truth import MOVING, STILL, TRUTH, record
 
@@ -101,8 +101,8 @@ def test_a_campaign_is_judged_by_its_first_record() -> None:
     assert SecondOrder not in {type(e) for _, e in po.default_model([blind, seen])[0]}
 
 
-def test_a_resonance_that_joins_later_must_be_shaken() -> None:
-    """The hundredth harmonic of a triangle shows one; the noise of a recorded sine does not."""
+def test_a_harmonic_shakes_more_than_the_noise_of_a_sine() -> None:
+    """The hundredth harmonic of a triangle, against the noise of a recorded sine."""
     time = np.arange(8000) / 4000.0
     triangle = po.Measurement(
         time, 60.0 * np.abs((8.0 * time + 1.0) % 2.0 - 1.0), 1e-7 * time, allow_saturated=True
@@ -113,9 +113,3 @@ def test_a_resonance_that_joins_later_must_be_shaken() -> None:
     omega = 2.0 * np.pi * 400.0
     assert 1e-9 < excitation(sine, omega) < 1e-8
     assert 1e-7 < excitation(triangle, omega) < 1e-6
-    assert shown(triangle, omega, 0.3)
-    assert not shown(sine, omega, 0.1)
-    # What rings is seen, however little shakes it.
-    assert shown(sine, omega, 0.01)
-    assert not shown(triangle, omega, 0.75)
-    assert not shown(triangle, 2.0 * np.pi * 1700.0, 0.1)

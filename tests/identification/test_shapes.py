@@ -190,6 +190,8 @@ def test_every_detail_starts_where_it_can_be_felt_and_within_its_limits(name: st
         ("1/V^2", 0.05 / 70.0**2),
         ("1/m", 0.05 / 7e-6),
         ("1/m^2", 0.05 / 7e-6**2),
+        ("m/V^2", 0.05 * 7e-6 / 70.0**2),
+        ("m/V^3", 0.05 * 7e-6 / 70.0**3),
         ("s", 1e-4),
     ],
 )
