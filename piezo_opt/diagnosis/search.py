@@ -172,19 +172,17 @@ class _Run:
             book.race(pairs(at, near[at], self.effort.near, book))
 
     def _exchange_law(self, at: Members) -> None:
-        """Fit a set with other laws, where it is not enough, or where a law may do what one of two
-        effects does: beside any law where only noise is left.
+        """Fit a set of the base model's own law with others, where it is not enough.
 
         Laws have more numbers than an effect and come to their own later: at the foot all go on,
         unless an effect has been enough.
         """
         book, quiet = self.book, self.quiet
         then = self.frontier.expanded[at.hypothesis]
-        done, own = is_noise(then, self.least), at.law == book.base.law
-        alone = own and not done
-        if alone or (len(at.names) > 1 and (own or quiet)):
+        done = is_noise(then, self.least)
+        if at.law == book.base.law and (len(at.names) > 1 or not done):
             book.race(
-                _lawful(at, then, self.withheld, book, alone=alone, quiet=quiet),
+                _lawful(at, then, self.withheld, book, done=done, quiet=quiet),
                 everyone=not (quiet or at.effects),
                 beyond=book[book.best].rms if quiet else float("inf"),
             )
@@ -239,9 +237,9 @@ def _exchanged(
 
 
 def _lawful(
-    at: Members, fit: Fit, withheld: Sequence[str], book: Book, *, alone: bool, quiet: bool
+    at: Members, fit: Fit, withheld: Sequence[str], book: Book, *, done: bool, quiet: bool
 ) -> list[Start]:
-    """Another law in the place of the base model's own, and in that of any and one of two effects:
+    """Another law in the place of the base model's own, and in that of it and one of two effects:
     what an effect does beside one law, another may do by itself.
 
     Without effects, with the details and mechanics that the own law asked for: a law is judged by
@@ -252,7 +250,7 @@ def _lawful(
         own = (m for m in book.leading if not m.effects and m.law == at.law)
         at = next(own, at)
         fit = book.settled(at)
-    places = [at] if alone else []
+    places = [] if done else [at]
     if len(at.names) > 1:
         places += [at.without(name) for name in at.names]
     starts = [start for place in places for start in laws(place, fit, withheld, book)]

@@ -82,7 +82,7 @@ def test_other_laws_are_tried_with_the_mechanics_that_the_own_law_asked_for() ->
     book = Book(fit, 1, 1)
     book.race(details(fit, book))
     assert book[book.best].rms < 0.5 * fit.rms
-    starts = _lawful(book.base, fit, (), book, alone=True, quiet=False)
+    starts = _lawful(book.base, fit, (), book, done=False, quiet=False)
     assert {start.members.law for start in starts} > {"duhem", "maxwell_slip", "preisach"}
     assert all("second_order" in start.members.model.names for start in starts)
 
@@ -100,17 +100,6 @@ def test_mechanics_that_join_must_ring_but_not_the_user_s_own() -> None:
     assert all(book[m].values["second_order.zeta"] <= np.sqrt(0.5) for m in joined)
     asked = replace(book.base, base=MOVING).question(po.Identification(MOVING, record))
     assert "second_order.zeta" not in asked.bounds
-
-
-def test_another_law_may_do_what_one_of_two_effects_does_beside_any_law() -> None:
-    book = opened(CREEPING)
-    at = replace(book.base, base=STILL.replaced("bouc_wen", Dahl()))
-    at = at.with_(Creep(1)).with_(Saturation())
-    book.race([Start(at, None)])
-    starts = _lawful(at, book[at], (), book, alone=False, quiet=False)
-    asked = {(start.members.law, start.members.names) for start in starts}
-    assert {("duhem", ("creep",)), ("duhem", ("saturation",))} <= asked
-    assert all(len(names) == 1 for _, names in asked)
 
 
 def test_what_two_laws_have_by_one_name_is_carried_over() -> None:
@@ -171,7 +160,7 @@ def test_where_an_effect_was_enough_laws_of_too_many_numbers_are_not_tried() -> 
     book.race([Start(book.base.with_(Creep(1)), None)])
 
     def tried(*, quiet: bool) -> set[Effect]:
-        starts = _lawful(book.base, book.foot, (), book, alone=True, quiet=quiet)
+        starts = _lawful(book.base, book.foot, (), book, done=False, quiet=quiet)
         return {start.members.base[start.members.law or ""] for start in starts}
 
     assert tried(quiet=False) - tried(quiet=True) == {MaxwellSlip(free=True), Preisach(free=True)}
