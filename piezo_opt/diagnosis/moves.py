@@ -44,14 +44,14 @@ def adds(
     """
     found, asked = [], set()
     for suspect in _likeliest(suspects, most):
-        starts = _joined(at, (suspect,), book)[:1]
-        found += starts
-        for start in starts:
-            full = _in_full(start, suspect.name, book)
-            found.append(full)
-            if fresh and suspect.name not in asked:
-                law = full.members.law
-                found.append(replace(_in_full(full, law, book) if law else full, values=None))
+        start = _joined(at, (suspect,), book)
+        if start is None:
+            continue
+        full = _in_full(start, suspect.name, book)
+        found += [start, full]
+        if fresh and suspect.name not in asked:
+            law = full.members.law
+            found.append(replace(_in_full(full, law, book) if law else full, values=None))
         asked.add(suspect.name)
     return found
 
@@ -86,9 +86,14 @@ def pairs(at: Members, suspects: Sequence[Suspect], most: int, book: Book) -> li
         key = frozenset((one.name, other.name))
         if key not in ranked or ranked[key][0] < gain:
             ranked[key] = (gain, one, other)
-    found = []
+    found: list[Start] = []
     for _, one, other in sorted(ranked.values(), key=lambda t: -t[0])[:most]:
-        found += _joined(at, (one, other), book)
+        start = _joined(at, (one, other), book)
+        if start is not None:
+            found.append(start)
+            # Another hysteresis law than the foot's begins at the widths of `laws`.
+            own = start.members.law == book.base.law
+            found += [replace(start, values=None)] if own else []
     return found
 
 
@@ -234,11 +239,8 @@ def less(at: Members, fit: Fit) -> Iterator[tuple[str, Start]]:
         yield name, Start(at.without(name), dict(fit.values))
 
 
-def _joined(at: Members, suspects: Sequence[Suspect], book: Book) -> list[Start]:
-    """A set with effects at their one-step sizes, and from a fresh start.
-
-    Another hysteresis law than the foot's has no fresh start: it begins at the widths of `laws`.
-    """
+def _joined(at: Members, suspects: Sequence[Suspect], book: Book) -> Start | None:
+    """A set with effects at their one-step sizes; None where no model can hold them together."""
     foot = suspects[0].base  # with the mechanics on which they were scored
     members = Members.of(foot.question, book.question)
     members = replace(members, effects=at.effects)
@@ -246,10 +248,7 @@ def _joined(at: Members, suspects: Sequence[Suspect], book: Book) -> list[Start]
     for suspect in suspects:
         members = members.with_(suspect.effect)
         values |= _begun(suspect)
-    if not _allowed(members):
-        return []
-    begun = Start(members, values)
-    return [begun, Start(members, None)] if members.law == book.base.law else [begun]
+    return Start(members, values) if _allowed(members) else None
 
 
 def _in_full(start: Start, name: str, book: Book) -> Start:

@@ -18,13 +18,16 @@ _LEAST, _MOST = 5.0, 400.0
 _LOBE, _ASIDE = 3.0, 8.0
 """Cycles within which a line is as wide as the stroke makes it, even where a sine dwells at its
 ends, and those up to which its surroundings are looked at."""
+_BINS: Final = int(20 * (_MOST + _ASIDE))
+"""Bins of the way, of which a residual is summed: a twentieth of the shortest period wide."""
 _PEAK: Final = 10.0
 """Power of a line over the highest that is left beside it. Of noise, whose powers there are
 exponentially distributed, one spectrum in thousands shows that."""
 _TRIED: Final = 3
 """Highest peaks that are tried: where a record dwells at few positions, a line has copies."""
 _QUICK: Final = 0.5
-"""Share of the samples between which the position must move by less than half a period."""
+"""Share of the samples between which the position must move by less than half a period: along a way
+that is as steady as that, a shorter period would look like a longer one."""
 
 
 def period(position: FloatArray, residual: FloatArray) -> float | None:
@@ -45,15 +48,17 @@ def period(position: FloatArray, residual: FloatArray) -> float | None:
     if stroke <= 0.0 or quick <= 0.0:
         return None
     most = min(_MOST, 0.5 * stroke / quick)
-    way = (position - position.min()) / stroke
-    power = _power(way, residual, most + _ASIDE)
+    bins = np.rint((position - position.min()) * ((_BINS - 1) / stroke)).astype(np.intp)
+    counts = np.bincount(bins, minlength=_BINS)
+    sums = np.asarray(np.bincount(bins, residual, _BINS), dtype=float)
+    power = _power(sums, most + _ASIDE)
     cycles = _FINE * np.arange(power.size)
     peaks = np.r_[False, (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]), False]
     inside = np.flatnonzero(peaks & (cycles >= _LEAST) & (cycles <= most))
     found, most_above = None, _PEAK
     for peak in inside[np.argsort(-power[inside])][:_TRIED]:
-        line = _line(way, residual, float(cycles[peak]))
-        rest = _power(way, residual - line.explained, most + _ASIDE)
+        line = _line(counts, sums, float(cycles[peak]))
+        rest = _power(sums - counts * line.values, most + _ASIDE)
         aside = np.abs(cycles - cycles[peak])
         around = rest[(aside > _LOBE) & (aside <= _ASIDE)].max(initial=0.0)
         if power[peak] > most_above * around:
@@ -64,36 +69,38 @@ def period(position: FloatArray, residual: FloatArray) -> float | None:
 @final
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """A sine of a residual along the way, and how many cycles of it there are."""
+    """A sine along the way: how many cycles of it there are, and its values (bins,)."""
 
     cycles: float
-    explained: FloatArray
+    values: FloatArray
 
 
-def _line(way: FloatArray, residual: FloatArray, near: float) -> _Line:
-    """The sine nearest to a number of cycles that explains most of a residual."""
+def _line(counts: NDArray[np.intp], sums: FloatArray, near: float) -> _Line:
+    """The sine nearest to a number of cycles that explains most of a residual.
 
-    def explained(cycles: float) -> FloatArray:
+    Args:
+        counts, sums: of the residual over bins of the way.
+        near: cycles that it has, to a step of the spectrum.
+    """
+    way, root = np.linspace(0.0, 1.0, _BINS), np.sqrt(counts)
+    means = sums / np.maximum(root, 1.0)
+
+    def values(cycles: float) -> FloatArray:
         waves = np.exp(2j * np.pi * cycles * way)
         columns = np.column_stack([waves.real, waves.imag])
-        size, *_ = np.linalg.lstsq(columns, residual, rcond=None)
+        size, *_ = np.linalg.lstsq(columns * root[:, None], means, rcond=None)
         return np.asarray(columns @ size)
 
     best = scipy.optimize.minimize_scalar(
-        lambda cycles: -float(residual @ explained(cycles)),
+        lambda cycles: -float(sums @ values(cycles)),
         bounds=(near - _FINE, near + _FINE),
         method="bounded",
     )
-    return _Line(float(best.x), explained(float(best.x)))
+    return _Line(float(best.x), values(float(best.x)))
 
 
-def _power(way: FloatArray, residual: FloatArray, most: float) -> FloatArray:
-    """The spectrum over a way of length 1, every ``_FINE`` cycles up to ``most``.
-
-    By the transform of sums over bins, a twentieth of the shortest period wide.
-    """
-    bins = int(20 * (_MOST + _ASIDE))
-    sums = np.bincount((way * (bins - 1)).round().astype(np.intp), residual, bins)
+def _power(sums: FloatArray, most: float) -> FloatArray:
+    """The spectrum of sums over bins of the way, every ``_FINE`` cycles up to ``most``."""
     # The way ends at the middle of the last bin.
-    whole = np.fft.rfft(sums, round((bins - 1) / _FINE))
+    whole = np.fft.rfft(sums, round((_BINS - 1) / _FINE))
     return np.asarray(np.abs(whole[: int(most / _FINE) + 1]) ** 2)
