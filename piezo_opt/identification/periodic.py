@@ -26,8 +26,8 @@ exponentially distributed, one spectrum in thousands shows that."""
 _TRIED: Final = 3
 """Highest peaks that are tried: where a record dwells at few positions, a line has copies."""
 _QUICK: Final = 0.5
-"""Share of the samples between which the position must move by less than half a period: along a way
-that is as steady as that, a shorter period would look like a longer one."""
+"""Share of its steps from sample to sample in which the position must move by less than half a
+period: along a way that is steady, a shorter period would look like a longer one."""
 
 
 def period(position: FloatArray, residual: FloatArray) -> float | None:
@@ -44,10 +44,10 @@ def period(position: FloatArray, residual: FloatArray) -> float | None:
         residual: (N,) [m].
     """
     stroke = float(np.ptp(position))
-    quick = float(np.quantile(np.abs(np.diff(position)), _QUICK)) if position.size > 1 else 0.0
-    if stroke <= 0.0 or quick <= 0.0:
+    if stroke <= 0.0:
         return None
-    most = min(_MOST, 0.5 * stroke / quick)
+    steps = np.abs(np.diff(position))
+    most = min(_MOST, 0.5 * stroke / float(np.quantile(steps[steps > 0.0], _QUICK)))
     bins = np.rint((position - position.min()) * ((_BINS - 1) / stroke)).astype(np.intp)
     counts = np.bincount(bins, minlength=_BINS)
     sums = np.asarray(np.bincount(bins, residual, _BINS), dtype=float)

@@ -40,6 +40,12 @@ def test_two_sensors_errors_of_one_stroke_are_not_mistaken_for_each_other() -> N
         assert period(TRIANGLE, fringes + noise(2)) == pytest.approx(length, rel=5e-3)
 
 
+def test_fringes_are_told_where_a_stage_rests_most_of_the_time() -> None:
+    way = np.interp(TIME % 0.25, [0.0, 0.05, 0.125, 0.175, 0.25], [0.0, 9e-6, 9e-6, 0.0, 0.0])
+    fringes = 3.0 * np.sin(2.0 * np.pi * way / FRINGE + 0.7)
+    assert period(way, fringes + noise(6)) == pytest.approx(FRINGE, rel=2e-3)
+
+
 def test_fringes_are_told_where_a_stage_dwells_and_rings() -> None:
     """Few positions hold most samples, and copies of the line stand beside it."""
     left = HELD - np.repeat(np.r_[HELD[0], HELD[:-500:500]], N // 12)
