@@ -739,7 +739,7 @@ def test_preisach_with_a_broad_density_is_prandtl_ishlinskii() -> None:
     plain = {f"prandtl_ishlinskii.{k}": v for k, v in shape.items()}
     one, _ = respond(PiezoGain() + Preisach(), time, drive, broad)
     two, _ = respond(PiezoGain() + PrandtlIshlinskii(), time, drive, plain)
-    weights = 4e-8 / 10 * np.exp(-0.7 * np.arange(10) / 10)
+    weights = 4e-8 / 20 * np.exp(-0.7 * np.arange(20) / 20)
     np.testing.assert_allclose(one, two + weights.sum() * drive, rtol=0, atol=1e-8 * np.ptp(two))
 
 
@@ -1216,18 +1216,40 @@ def test_backlash_loses_its_width_at_every_turn() -> None:
 def test_free_weights_over_a_broad_density_are_a_sum_of_plays() -> None:
     time, drive = wander()
     model = PiezoGain() + Preisach(free=True)
-    weights = 1e-9 * np.random.default_rng(3).uniform(0.0, 2.0, 16)
+    weights = 1e-9 * np.random.default_rng(3).uniform(0.0, 2.0, 10)
     values = {f"preisach.w{i + 1}": w for i, w in enumerate(weights)}
     largest = float(np.ptp(drive)) / 2.0
     values |= {"preisach.r": largest, "preisach.b": 1e6, "preisach.c": 0.0, "preisach.origin": 7.0}
     reading, _ = respond(model, time, drive, values, 1.0)
-    radii = largest * np.arange(1, 17) / 16.0
-    played = np.clip(7.0, drive[0] - radii, drive[0] + radii)
+    shares = np.arange(1, 31) / 30.0
+    each = np.interp(shares, np.arange(1, 11) / 10.0, weights) / 3.0
+    played = np.clip(7.0, drive[0] - largest * shares, drive[0] + largest * shares)
     expected = []
     for at in drive:
-        played = np.clip(played, at - radii, at + radii)
-        expected.append(GAIN * at + float(weights @ played))
+        played = np.clip(played, at - largest * shares, at + largest * shares)
+        expected.append(GAIN * at + float(each @ played))
     np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-14)
+
+
+def test_a_density_may_be_broader_for_wider_relays() -> None:
+    """The output is the integral of the density between the relays that are up and those down."""
+    time, drive = wander()
+    own = {"rho": 4e-8, "decay": 0.7, "r": 30.0, "b": 20.0, "c": 5.0, "widening": 1.2}
+    model = PiezoGain() + Preisach(operators=40)
+    reading, _ = respond(
+        model, time, drive, {f"preisach.{k}": v for k, v in own.items()}, 1.0
+    )  # fmt: skip
+    shares = np.arange(1, 41) / 40.0
+    breadth = 20.0 * np.exp(1.2 * shares)
+    weights = 4e-8 / 40.0 * np.exp(-0.7 * (np.arange(40) / 40.0))
+    centres = np.linspace(-200.0, 200.0, 40001)
+    played = plays(drive, 30.0 * shares)
+    expected = GAIN * drive
+    for k, w in enumerate(weights):
+        density = w / np.cosh((centres - 5.0) / breadth[k]) ** 2
+        whole = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))]) * 0.01
+        expected += np.interp(played[:, k], centres, whole) - np.interp(0.0, centres, whole)
+    np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-12)
 
 
 def test_plays_of_several_widths_take_up_a_motion_one_by_one() -> None:

@@ -38,7 +38,7 @@ class PrandtlIshlinskii(Effect):
     Springer (play and stop operators).
     """
 
-    operators: int = 10
+    operators: int = 20
     dead_zones: int = 2
     place = Place.STRAIN
     structural = True

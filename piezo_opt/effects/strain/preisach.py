@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import exp as exp_
 from math import log
@@ -11,9 +11,13 @@ from typing import Any, final
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
 from piezo_opt.symbolic import dragged, exp, play, stack, sum_, tanh
 
-_PLAYS = 16
-"""Plays of the form whose weights are free: their thresholds are then a thirtieth of the drive's
-range apart, and a loop of a few plays in between is met to a thousandth of the stroke."""
+_WEIGHTS = 10
+"""Weights of the form in which they are free: the density over the thresholds is a line between
+each two of them."""
+_BETWEEN = 3
+"""Plays for each of those weights. Between thresholds that are 1/k of a loop's width apart the loop
+of a smooth density is a chord, at most 1/(8 k^2) of its height off: with thirty, a hundredth of a
+per cent."""
 
 
 def _weight(index: int) -> str:
@@ -24,40 +28,53 @@ def _weights() -> dict[str, Parameter]:
     """The free weights by name; together they are nominally those of a usual loop."""
     return {
         _weight(index): Parameter(
-            "m/V", f"weight of play {index + 1}", nominal=3e-8 / _PLAYS, bounds=(-1e-3, 1e-3),
-            typical=(0.0, 1e-8), when="free",
+            "m/V", f"weight of the plays at {index + 1} tenths of the largest threshold",
+            nominal=3e-8 / _WEIGHTS, bounds=(-1e-3, 1e-3), typical=(0.0, 1e-8), when="free",
         )
-        for index in range(_PLAYS)
+        for index in range(_WEIGHTS)
     }  # fmt: skip
+
+
+def _between(weights: Sequence[Any]) -> list[Any]:
+    """The weight of each play: on the line between the two free ones, from the first one down
+    constant."""
+    found = []
+    for j in range(1, _WEIGHTS * _BETWEEN + 1):
+        left, along = divmod(max(j - _BETWEEN, 0), _BETWEEN)
+        right = min(left + 1, _WEIGHTS - 1)
+        share = along / _BETWEEN
+        found.append(((1.0 - share) * weights[left] + share * weights[right]) / _BETWEEN)
+    return found
 
 
 @final
 @dataclass(frozen=True)
 class Preisach(Effect):
-    """Preisach operator with a factored density, in the place of bouc_wen.
+    """Preisach operator with a smooth density, in the place of bouc_wen.
 
         z_i = min(max(z_i_before, v - r_i), v + r_i),   r_i = r (i / k)^spacing,   i = 1..k
-        s += sum_i w_i b [S(z_i) - S(0)],   S(z) = tanh(e + flatness e^3),   e = (z - c) / b
+        s += sum_i w_i b_i [S_i(z_i) - S_i(0)],   b_i = b exp(widening i / k)
+        S_i(z) = tanh(e + flatness e^3),   e = (z - c) / b_i
         w_i = rho / k exp(-decay (i - 1) / k)
-        w1 .. w16 are parameters   free
+        w1 .. w10 are parameters, three plays each, linear in between   free
         z_i begins at min(max(origin, v - r_i), v + r_i)
 
     A Preisach operator is a superposition, over the half-distance r of a relay's thresholds, of
-    functions of the play of radius r. Its density is w(r) sech^2((centre - c) / b) here: relays
-    are rare far from the centre c, so the loop saturates and may be asymmetric, which plays alone
-    cannot be. With flatness = 0.071 it is normal over the centre, of standard deviation 0.80 b, to
-    five ten-thousandths of its integral; the larger, the more even and the more sharply bounded.
-    Unlike a grid of relays this is continuous, with derivatives by every parameter. piezo_gain's d
-    is the slope just after a turn. With free weights the density over r is any; with a broad one
-    over the centre the plays are those of Prandtl and Ishlinskii. The first z_i is that of a drive
-    that came from the origin at once.
+    functions of the play of radius r. Its density is w(r) sech^2((centre - c) / b) here, with a
+    breadth b that may grow with r: relays are rare far from the centre c, so the loop saturates and
+    may be asymmetric, which plays alone cannot be. With flatness = 0.071 it is normal over the
+    centre, of standard deviation 0.80 b, to five ten-thousandths of its integral; the larger, the
+    more even and the more sharply bounded. Unlike a grid of relays this is continuous, with
+    derivatives by every parameter. piezo_gain's d is the slope just after a turn. With free weights
+    the density over r is any; with a broad one over the centre the plays are those of Prandtl and
+    Ishlinskii. The first z_i is that of a drive that came from the origin at once.
 
     References: Preisach (1935), Zeitschrift fuer Physik 94, 277-302; Brokate & Sprekels (1996),
     Hysteresis and Phase Transitions, Springer (Preisach operators through plays); Page (1977),
     Applied Statistics 26(1), 75-76 (the normal distribution by tanh of a cubic).
     """
 
-    operators: int = 10
+    operators: int = 20
     free: bool = False
     place = Place.STRAIN
     structural = True
@@ -87,6 +104,10 @@ class Preisach(Effect):
         "1", "how much flatter than sech^2 the density is, 0.071 for a normal one", nominal=0.0,
         bounds=(0.0, 10.0), typical=(0.0, 0.3), fixed=True, detail=True,
     )  # fmt: skip
+    widening = Parameter(
+        "1", "log of the breadth at the largest threshold over that at zero", nominal=0.0,
+        bounds=(-5.0, 5.0), typical=(-0.5, 0.5), fixed=True, detail=True,
+    )  # fmt: skip
     origin = Parameter(
         "V", "drive from which the record's beginning was reached", nominal=0.0,
         bounds=(-1e6, 1e6), typical=(-50.0, 100.0), fixed=True, detail=True, per_record=True,
@@ -94,16 +115,16 @@ class Preisach(Effect):
 
     @property
     def plays(self) -> int:
-        """Number of plays: as many as there are weights where these are free."""
-        return _PLAYS if self.free else self.operators
+        """Number of plays."""
+        return _WEIGHTS * _BETWEEN if self.free else self.operators
 
     def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
         """Free weights, which begin at those of the density."""
         if self.free:
             return self, {}
         begin = {
-            _weight(i): own["rho"] / _PLAYS * exp_(-own["decay"] * i / _PLAYS)
-            for i in range(_PLAYS)
+            _weight(i): own["rho"] / _WEIGHTS * exp_(-own["decay"] * i / _WEIGHTS)
+            for i in range(_WEIGHTS)
         }
         return replace(self, free=True), begin
 
@@ -112,19 +133,20 @@ class Preisach(Effect):
         v, k = chain.drive.value, self.plays
         radii = stack([p.r * exp(p.spacing * log((i + 1) / k)) for i in range(k)])
         if self.free:
-            weights = stack([getattr(p, _weight(i)) for i in range(k)])
+            weights = stack(_between([getattr(p, _weight(i)) for i in range(_WEIGHTS)]))
         else:
             weights = stack([p.rho / k * exp(-p.decay * i / k) for i in range(k)])
         followed = dragged(x.z, v, chain.drive.rate, radii)
-        bent = _share(followed, p) - _share(0.0, p)
+        breadths = stack([p.b * exp(p.widening * (i + 1) / k) for i in range(k)])
+        bent = _share(followed, breadths, p) - _share(0.0, breadths, p)
         return Equations(
-            gives=p.b * sum_(weights * bent),
+            gives=sum_(breadths * weights * bent),
             becomes={"z": play(x.z, v, radii)},
             starts={"z": play(p.origin + 0.0 * radii, v, radii)},
         )
 
 
-def _share(z: Any, p: Any) -> Any:
+def _share(z: Any, breadths: Any, p: Any) -> Any:
     """Integral of the density over the centre, from -1 far below c to 1 far above it."""
-    e = (z - p.c) / p.b
+    e = (z - p.c) / breadths
     return tanh(e * (1.0 + p.flatness * e * e))
