@@ -222,7 +222,7 @@ CASES: Final[Mapping[str, Case]] = {
         Case(
             "play_operators", "ten play operators: corners in the unknowns",
             _Made(
-                PiezoGain() + PrandtlIshlinskii() + Offset(),
+                PiezoGain() + PrandtlIshlinskii(10) + Offset(),
                 {
                     "piezo_gain.d": 1.4e-7, "prandtl_ishlinskii.rho": 4e-8,
                     "prandtl_ishlinskii.decay": 2.0, "prandtl_ishlinskii.r": 40.0,

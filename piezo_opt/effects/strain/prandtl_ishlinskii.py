@@ -31,7 +31,8 @@ class PrandtlIshlinskii(Effect):
     the dead zones.
 
     Exact on every monotone stretch of the drive; at the start of a record z_i is that of a drive
-    that came from zero once.
+    that came from zero once. The loop of a smooth density over the thresholds is met by chords, at
+    most 1/(8 k^2) of its height off: 0.03 % with twenty plays.
 
     References: Kuhnen (2003), European Journal of Control 9(4), 407-418 (modified law: dead-zone
     operators behind the plays); Brokate & Sprekels (1996), Hysteresis and Phase Transitions,

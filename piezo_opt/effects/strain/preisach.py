@@ -74,7 +74,7 @@ class Preisach(Effect):
     Applied Statistics 26(1), 75-76 (the normal distribution by tanh of a cubic).
     """
 
-    operators: int = 20
+    operators: int = 10
     free: bool = False
     place = Place.STRAIN
     structural = True
