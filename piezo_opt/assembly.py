@@ -252,7 +252,7 @@ class _Assembler:
             for s, size in e.states.items()
         }
         self.dx = {n: ca.SX.sym(f"d_{n}", s.numel()) for n, s in self.x.items()}
-        self.drive = _signal("drive")
+        self.drive = Signal(ca.SX.sym("drive"), ca.SX.sym("rate_of_drive"), ca.SX.sym("heading"))
         self.free = _signal("free")
         self.acceleration = ca.SX.sym("acceleration")
         self.law = ca.SX.sym("law")
@@ -340,7 +340,7 @@ class _Assembler:
         return gives
 
     def _column(self, state: str, expression: Expression) -> ca.SX:
-        column = _expression(state, "the rate or start", expression)
+        column = self._headed(_expression(state, "the rate or start", expression))
         wanted = self.x[state].numel()
         if column.numel() == 1 and wanted > 1:
             return ca.repmat(column, wanted, 1)
@@ -353,11 +353,15 @@ class _Assembler:
     def _line(self, place: Place, value: Expression, rate: Expression) -> Expression:
         signal = Signal(value, rate)
         for index, (name, _) in enumerate(self.model.at(place)):
-            value = _written(self._ask(name, signal))
+            value = self._headed(self._ask(name, signal))
             outgoing_rate = ca.SX.sym(f"rate_{place.name}_{index}")
             self.incoming_rates.append((outgoing_rate, value))
             signal = Signal(value, outgoing_rate)
         return signal.value
+
+    def _headed(self, value: Expression, times: float = 1.0) -> Expression:
+        """A value with the rate of the drive, times a number, for its heading."""
+        return ca.substitute(_written(value), self.drive.heading, times * self.drive.rate)
 
     def _sum(self, place: Place) -> Expression:
         total = ca.SX(0.0)
@@ -371,9 +375,9 @@ class _Assembler:
     def functions(self) -> dict[str, ca.Function | None]:
         """The functions of the whole model, by their names in :class:`System`."""
         drive = self._line(Place.INPUT, self.command.value, self.command.rate)
-        loop = self._sum(Place.LOOP)
+        loop = self._headed(self._sum(Place.LOOP))
         free = self._sum(Place.STRAIN)
-        motion = self._sum(Place.MOTION)
+        motion = self._headed(self._sum(Place.MOTION))
         chain = self._chain(self.command)
         reading = self._line(Place.OUTPUT, chain.position.value, chain.position.rate)
         law = self.moves.get(self.loop_state or "", ca.SX(0.0))
@@ -394,8 +398,8 @@ class _Assembler:
 
         values = {
             "drive": (self.drive.value, drive),
-            "free": (self.free.value, free),
-            "hysteresis": (self.hysteresis, self.remembered),
+            "free": (self.free.value, self._headed(free, 0.0)),
+            "hysteresis": (self.hysteresis, self._headed(self.remembered, 0.0)),
         }
         resolve_values = _in_order(values)
         total_rate = self._total_rate(resolve_values)
@@ -466,7 +470,8 @@ class _Assembler:
             rates.append(signal.rate)
 
         def rate(value: Expression) -> Expression:
-            return ca.jtimes(resolve(_written(value)), ca.vertcat(*arguments), ca.vertcat(*rates))
+            moved = ca.jtimes(resolve(_written(value)), ca.vertcat(*arguments), ca.vertcat(*rates))
+            return self._headed(moved)
 
         return rate
 

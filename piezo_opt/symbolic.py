@@ -132,10 +132,12 @@ def play(before: Expression, value: Expression, radius: Expression) -> Expressio
     """Play operator over a monotone stretch: ``before`` dragged along to stay near ``value``.
 
     ``min(max(before, value - radius), value + radius)``, element by element. Written by cases,
-    so that the derivatives are right even at radius 0, where minimum and maximum meet.
+    as how far it is dragged up or down, so that the derivatives are right even at radius 0, where
+    minimum and maximum meet.
     """
-    pulled_down = ca.if_else(before - value > radius, value + radius, before)
-    return ca.if_else(value - before > radius, value - radius, pulled_down)
+    up = value - before - radius
+    down = value - before + radius
+    return before + ca.if_else(up > 0.0, up, 0.0) + ca.if_else(down < 0.0, down, 0.0)
 
 
 def dragged(

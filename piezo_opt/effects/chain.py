@@ -14,10 +14,19 @@ from piezo_opt.symbolic import Expression
 @final
 @dataclass(frozen=True)
 class Signal:
-    """A signal of the chain and its time derivative."""
+    """A signal of the chain and its time derivative.
+
+    ``heading`` is the rate too, for what an effect gives whose rate alone asks where the signal
+    goes: its value must not follow it.
+    """
 
     value: Expression
     rate: Expression
+    heading: Expression = None
+
+    def __post_init__(self) -> None:
+        if self.heading is None:
+            object.__setattr__(self, "heading", self.rate)
 
 
 @final

@@ -25,7 +25,7 @@ from piezo_opt.units import to_si
 
 _INSTANTS: Final = 8
 _CLOSE: Final = 1e-9
-_SIZES: Final = {"m": 1e-5, "m/s": 1e-2, "V": 30.0}
+SIZES: Final = {"m": 1e-5, "m/s": 1e-2, "V": 30.0}
 """Sizes of states by their unit; others are of size one."""
 
 
@@ -120,7 +120,7 @@ def check_promises(effect: Effect, assembled: Callable[[Model], Assembled]) -> N
             for k, p in effect.parameters.items()
         }
         values = {**nominal, **own}
-        x = np.array([_SIZES.get(u, 1.0) for u in whole.state_units])
+        x = np.array([SIZES.get(u, 1.0) for u in whole.state_units])
         x *= random.standard_normal(x.size)
         warm = 293.15 + 10.0 * random.standard_normal(len(whole.channel_names))
         instant = (random.uniform(0.0, 10.0), 30.0 * random.standard_normal())

@@ -3,7 +3,7 @@
  * Every result in the list has one number, and what is said twice is one instruction. Products are
  * joined with the only sum that they are for, and what nobody needs is left out. Then the list is
  * translated one by one. Every value is a register of four numbers, a plain number four times the
- * same one. Registers are given away by the next use of what they hold (Belady 1966, IBM Systems
+ * same one, but for what four calls of a function at once take and give. Registers are given away by the next use of what they hold (Belady 1966, IBM Systems
  * Journal 5(2), 78-101), which a list without branches tells exactly.
  *
  * Only for processors with AVX2 under the System V ABI.
@@ -14,14 +14,15 @@
 
 enum {
     M_LOAD, M_ROW, M_CONSTANT, M_ADD, M_SUB, M_MUL, M_DIV, M_MIN, M_MAX, M_AND, M_CLEAR, M_FLIP,
-    M_ROOT, M_COMPARE, M_JOIN, M_LESS_JOIN, M_JOIN_LESS, M_CALL, M_POWER, M_STORE, M_STORE_ROW
+    M_PAIR, M_QUAD, M_ROOT, M_COMPARE, M_LANE, M_JOIN, M_LESS_JOIN, M_JOIN_LESS, M_CALL, M_POWER,
+    M_CALL_FOUR, M_STORE, M_STORE_ROW
 };
 enum { AT_SLOTS = 3, AT_WEIGHTS = 5, AT_WEIGHT_ROWS = 14, AT_CONSTANTS = -1 }; /* registers */
 enum { NOTHING = -1, UNKNOWN = -2, NEVER = 1 << 30, MOST = 40000, BRIEF = 500, REGISTERS = 16 };
 
 /* One instruction, whose number is that of its result: c + a b is a join. */
 typedef struct {
-    int op, detail, in[3], place; /* detail: kind of comparison, or base register */
+    int op, detail, in[3], place; /* detail: kind of comparison, base register, lane or kind of call */
     union { double number; po_any *called; } by;
 } po_instruction;
 
@@ -30,6 +31,43 @@ typedef struct {
     int count, room, *table, width; /* table of the numbers by a hash of what they say */
     int failed;
 } po_trace;
+
+/* tanh of four numbers as po_tanh of one, by a power series in the place of tables. */
+typedef double po_four __attribute__((vector_size(32)));
+typedef int64_t po_four_bits __attribute__((vector_size(32)));
+__attribute__((target("avx2,fma"))) static po_four po_tanh_four(const po_four x)
+{
+    const po_four_bits sign = (po_four_bits)x & INT64_MIN, size = (po_four_bits)x & INT64_MAX;
+    const po_four_bits far = (po_four)size > 354.0; /* its exponential ends there */
+    const po_four v = -2.0 * (po_four)((far & (po_four_bits)(354.0 + (po_four){0})) | (~far & size));
+    /* v = k log 2 + r, k the last bits of a large number */
+    const po_four shifted = v * 0x1.71547652b82fep0 + 0x1.8p52, k = shifted - 0x1.8p52;
+    const po_four r = (v - k * 0x1.62e42fefa0000p-1) - k * 0x1.cf79abc9e3b39p-40;
+    const po_four r2 = r * r, r4 = r2 * r2;
+    const po_four low = (1.0 + r) + r2 * (1.0 / 2 + r * (1.0 / 6));
+    const po_four middle = (1.0 / 24 + r * (1.0 / 120)) + r2 * (1.0 / 720 + r * (1.0 / 5040));
+    const po_four high = (1.0 / 40320 + r * (1.0 / 362880)) + r2 * (1.0 / 3628800 + r * (1.0 / 39916800));
+    const po_four last = 1.0 / 479001600 + r * (1.0 / 6227020800);
+    const po_four part = low + r4 * (middle + r4 * (high + r4 * last));
+    const po_four y = (po_four)((po_four_bits)part + ((po_four_bits)shifted << 52));
+    return (po_four)((po_four_bits)((1.0 - y) / (1.0 + y)) | sign);
+}
+
+static po_trace empty(void)
+{
+    po_trace t = {0};
+    t.room = MOST;
+    t.width = 1 << 17;
+    t.list = malloc(sizeof(po_instruction) * MOST);
+    t.table = malloc(sizeof(int) * t.width);
+    return t;
+}
+
+static void emptied(po_trace *const t)
+{
+    memset(t->table, 255, sizeof(int) * t->width);
+    t->count = t->failed = 0;
+}
 
 static unsigned hashed(const po_instruction *const one)
 {
@@ -262,11 +300,11 @@ static void code_call(po_coder *const c, const int k)
         byte(c, 0x48), byte(c, 0x8d), byte(c, 0xbb);
         whole(c, one->place, 4);
     }
-    byte(c, 0xc5), byte(c, 0xf8), byte(c, 0x77); /* vzeroupper */
+    if (one->op != M_CALL_FOUR) byte(c, 0xc5), byte(c, 0xf8), byte(c, 0x77); /* vzeroupper */
     byte(c, 0x48), byte(c, 0xb8); /* mov rax, called; call rax */
     whole(c, (int64_t)(uintptr_t)one->by.called, 8);
     byte(c, 0xff), byte(c, 0xd0);
-    vex(c, 2, 1, 0, 0, 0x19, 0, 0, in_register(0), 0);
+    if (one->op != M_CALL_FOUR) vex(c, 2, 1, 0, 0, 0x19, 0, 0, in_register(0), 0);
     for (int i = 0; i < 2 && one->in[i] >= 0; ++i) used_up(c, one->in[i], again[i]);
     result(c, k, 0);
 }
@@ -308,6 +346,7 @@ static void code_two(po_coder *const c, const int k)
     static const int opcodes[] = {
         [M_ADD] = 0x58, [M_SUB] = 0x5c, [M_MUL] = 0x59, [M_DIV] = 0x5e, [M_MIN] = 0x5d,
         [M_MAX] = 0x5f, [M_AND] = 0x54, [M_CLEAR] = 0x55, [M_FLIP] = 0x57, [M_COMPARE] = 0xc2,
+        [M_PAIR] = 0x14, [M_QUAD] = 0x0d,
     };
     const po_instruction *const one = c->t->list + k;
     const int *const again = c->after + 3 * k;
@@ -323,8 +362,9 @@ static void code_two(po_coder *const c, const int k)
     const unsigned kept = by.memory ? 0 : 1u << by.base;
     const int to = take(c, (c->held[from] != NOTHING ? 1u << from : 0)
                                | (by.memory || c->held[by.base] == NOTHING ? 0 : kept));
-    vex(c, 1, 1, 0, 0, opcodes[one->op], to, from, by, one->op == M_COMPARE);
-    if (one->op == M_COMPARE) byte(c, one->detail);
+    const int quad = one->op == M_QUAD, told = quad || one->op == M_COMPARE;
+    vex(c, quad ? 3 : 1, 1, 0, 0, opcodes[one->op], to, from, by, told);
+    if (told) byte(c, quad ? 0xc : one->detail); /* the second one's upper half */
     result(c, k, to);
 }
 
@@ -353,25 +393,105 @@ static void code(po_coder *const c, const int k)
     if (one->op <= M_CONSTANT) return;
     /* Not before now: the instruction itself may have read them there. */
     while (c->n_left) c->room_left[c->n_room_left++] = c->left[--c->n_left];
-    if (one->op == M_CALL || one->op == M_POWER) code_call(c, k);
+    if (one->op >= M_CALL && one->op <= M_CALL_FOUR) code_call(c, k);
     else if (one->op >= M_STORE) code_store(c, k);
     else if (one->op >= M_JOIN && one->op <= M_JOIN_LESS) code_join(c, k);
-    else if (one->op == M_ROOT) {
+    else if (one->op == M_ROOT || one->op == M_LANE) {
         unsigned locked = 0;
         const int from = ensure(c, one->in[0], &locked), to = take(c, locked);
-        vex(c, 1, 1, 0, 0, 0x51, to, 0, in_register(from), 0);
+        if (one->op == M_ROOT) vex(c, 1, 1, 0, 0, 0x51, to, 0, in_register(from), 0);
+        else {
+            vex(c, 3, 1, 1, 0, 0x01, to, 0, in_register(from), 1);
+            byte(c, 0x55 * one->detail);
+        }
         used_up(c, one->in[0], c->after[3 * k]);
         result(c, k, to);
     } else code_two(c, k);
 }
 
-/* Leaves out what nobody needs, and joins products with the only sum that they are for. */
-static void joined(po_trace *const t, int *const uses)
+/* How often each result is needed. */
+static void counted(const po_trace *const t, int *const uses)
 {
     memset(uses, 0, sizeof(int) * t->count);
     for (int k = t->count - 1; k >= 0; --k)
         if (t->list[k].op >= M_STORE || uses[k])
             for (int i = 0; i < 3; ++i) if (t->list[k].in[i] >= 0) ++uses[t->list[k].in[i]];
+}
+
+/* A list in which calls of one function that do not wait for each other are made four at a time.
+   new: of each number of the old list that in the new one; waiting: of what is not there yet. */
+typedef struct {
+    const po_trace *old;
+    po_trace *made;
+    int *new, *waiting, calls[4], n_calls, n_waiting;
+} po_mover;
+
+static void call_together(po_mover *const m)
+{
+    po_trace *const t = m->made;
+    const int n = m->n_calls;
+    po_instruction one = m->old->list[m->calls[0]];
+    int in[4];
+    for (int i = 0; i < 4; ++i) in[i] = m->new[m->old->list[m->calls[i < n ? i : 0]].in[0]];
+    m->n_calls = 0;
+    if (n == 1) {
+        one.in[0] = in[0];
+        m->new[m->calls[0]] = said(t, one);
+        return;
+    }
+    one = plain(M_CALL_FOUR, said(t, plain(M_QUAD, said(t, plain(M_PAIR, in[0], in[1], NOTHING)),
+                                           said(t, plain(M_PAIR, in[2], in[3], NOTHING)), NOTHING)),
+                NOTHING, NOTHING);
+    one.by.called = (po_any *)po_tanh_four;
+    const int four = said(t, one);
+    for (int i = 0; i < n; ++i) {
+        po_instruction lane = plain(M_LANE, four, NOTHING, NOTHING);
+        lane.detail = i;
+        m->new[m->calls[i]] = said(t, lane);
+    }
+}
+
+/* Whether an instruction could be taken over, or waits to be called. */
+static int moved_over(po_mover *const m, const int k)
+{
+    po_instruction one = m->old->list[k];
+    for (int i = 0; i < 3; ++i) {
+        if (one.in[i] < 0) continue;
+        if (m->new[one.in[i]] < 0) return 0;
+        one.in[i] = m->new[one.in[i]];
+    }
+    if (one.op == M_CALL && one.detail == PO_TANH) m->calls[m->n_calls++] = k;
+    else m->new[k] = said(m->made, one);
+    return 1;
+}
+
+static void together(const po_trace *const old, po_trace *const made, int *const all)
+{
+    const int n = old->count;
+    int *const uses = all;
+    po_mover m = {old, made, all + n, all + 2 * n, {0}, 0, 0};
+    counted(old, uses);
+    for (int k = 0; k < n; ++k) m.new[k] = NOTHING;
+    for (int k = 0; k <= n; ++k) {
+        if (k < n) {
+            if (!uses[k] && old->list[k].op < M_STORE) continue;
+            if (!moved_over(&m, k)) m.waiting[m.n_waiting++] = k;
+        }
+        while (m.n_calls == 4 || (k == n && m.n_calls)) {
+            call_together(&m);
+            const int waited = m.n_waiting;
+            m.n_waiting = 0;
+            for (int i = 0; i < waited; ++i)
+                if (m.n_calls == 4 || !moved_over(&m, m.waiting[i]))
+                    m.waiting[m.n_waiting++] = m.waiting[i];
+        }
+    }
+}
+
+/* Leaves out what nobody needs, and joins products with the only sum that they are for. */
+static void joined(po_trace *const t, int *const uses)
+{
+    counted(t, uses);
     for (int k = 0; k < t->count; ++k) {
         po_instruction *const one = t->list + k;
         if (!uses[k] || (one->op != M_ADD && one->op != M_SUB)) continue;

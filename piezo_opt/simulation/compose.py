@@ -45,6 +45,18 @@ class Operation:
     inputs: int = 0
     """How many of the slots are inputs, where the function is no sum and no product."""
 
+    @property
+    def reads(self) -> tuple[int, ...]:
+        """Slots of what it is made of."""
+        if self.symbol in SUMS.values():
+            return self.slots[1:]
+        return self.slots[:2] if self.symbol in (PRODUCT, QUOTIENT) else self.slots[: self.inputs]
+
+    @property
+    def makes(self) -> tuple[int, ...]:
+        """Slots of what it makes."""
+        return tuple(s for s in self.slots if s not in self.reads)
+
 
 @final
 @dataclass(frozen=True)
@@ -76,7 +88,9 @@ class Composition:
             of the start, length of a sub-step, weights, by name.
         count: number of slots.
         constants: number of each slot that never changes.
-        lists: operations of each list.
+        lists: operations of each list. Those called ``"driven"`` are asked within a sub-step too,
+            but follow nothing that moves there but time, drive and channels.
+        driven: slots of what those make for others.
         rates: slot of the rate of each state that moves.
         after: slot of what each state becomes that jumps.
         blocks: linear blocks, none unless they are moved by their exponential.
@@ -89,6 +103,7 @@ class Composition:
     count: int
     constants: Mapping[int, float]
     lists: Mapping[str, tuple[Operation, ...]]
+    driven: tuple[int, ...]
     rates: Mapping[int, int]
     after: Mapping[int, int]
     blocks: tuple[Block, ...]
@@ -198,15 +213,45 @@ class _Composer:
             slots = (*block.matrix, first["length"], *outputs)
             weigh.operations.append(Operation(WEIGHTS[size - 1], slots, size * size + 1))
         clocks, delay = self._delays()
+        driven = self._driven(stage.operations, rates)
+        made = {slot for one in driven for slot in one.makes}
+
+        def others(of: _List) -> tuple[Operation, ...]:
+            return tuple(one for one in of.operations if one not in driven)
+
         lists = {
-            "once": once, "weigh": weigh, "stage": stage, "reading": reading, "jump": jump,
-            "start": start,
+            "once": tuple(once.operations), "weigh": tuple(weigh.operations), "driven": driven,
+            "stage": others(stage), "reading": others(reading), "jump": others(jump),
+            "start": tuple(start.operations),
         }  # fmt: skip
+        asked = {slot for k in ("stage", "reading", "jump") for one in lists[k]
+                 for slot in one.reads}  # fmt: skip
+        asked |= {read, *rates.values(), *after.values()}
         return Composition(
-            first, len(self.slots), {slot: value for value, slot in self.constants.items()},
-            {k: tuple(v.operations) for k, v in lists.items()}, rates, after, blocks, read, clocks,
-            delay,
+            first, len(self.slots), {slot: value for value, slot in self.constants.items()}, lists,
+            tuple(sorted(made & asked)), rates, after, blocks, read, clocks, delay,
         )  # fmt: skip
+
+    def _driven(
+        self, operations: Sequence[Operation], rates: Mapping[int, int]
+    ) -> tuple[Operation, ...]:
+        """Those that follow no state that moves, no slope, and no jump that they would show."""
+        moving = {self.first["state"] + i for i in rates}
+        moving |= {s for n, s in self.slots.items() if n.endswith(RATE) and s < self.base}
+        for name, effect in self.model:
+            if not self.forms[name].settled:
+                moving |= {
+                    self.slots[STATE + one]
+                    for state, size in effect.states.items()
+                    for one in elements(f"{name}.{state}", size)
+                }
+        found = []
+        for one in operations:
+            if moving & {*one.reads}:
+                moving |= {*one.makes}
+            else:
+                found.append(one)
+        return tuple(found)
 
     def _delays(self) -> tuple[tuple[str, ...], float | None]:
         clocks, delay = [], 0.0

@@ -35,7 +35,7 @@ _Array = TypeVar("_Array", bound=NDArray[Any])
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 
-_LISTS: Final = ("once", "weigh", "stage", "reading", "jump", "start")
+_LISTS: Final = ("once", "weigh", "driven", "stage", "reading", "jump", "start")
 _WHOLE: Final = ctypes.c_int64
 _POINTER: Final = ctypes.c_void_p
 _BYTE: Final = ctypes.c_char
@@ -53,12 +53,12 @@ class _Plan(ctypes.Structure):
     _fields_ = [
         *((name, _POINTER) for name in (
             "operations", "slots", "constants", "constant", "moving", "rates", "jumping", "after",
-            "blocks",
+            "ends", "blocks",
         )),
         *((name, _List) for name in _LISTS),
         *((name, _WHOLE) for name in (
             "count", "n_slots", "kept_plain", "kept_moved", "states", "parameters", "channels",
-            "n_constants", "n_moving", "n_jumping", "n_blocks", "n_weights", "time", "drive",
+            "n_constants", "n_moving", "n_jumping", "n_ends", "n_blocks", "n_weights", "time", "drive",
             "slope", "channel", "channel_slope", "state", "parameter", "deviation", "length",
             "weights", "read",
         )),
@@ -247,7 +247,7 @@ def _planned(
         "slots": slots, "constants": list(composition.constants), "moving": moving,
         "rates": [rates[slot] for slot in moving],
         "jumping": [state + i for i in composition.after],
-        "after": list(composition.after.values()),
+        "after": list(composition.after.values()), "ends": list(composition.driven),
     }  # fmt: skip
     arrays: dict[str, NDArray[Any]] = {k: np.array(v, dtype=np.int32) for k, v in ints.items()}
     arrays["operations"] = np.array(rows, dtype=np.int64)
@@ -258,7 +258,7 @@ def _planned(
         "states": len(system.state_names), "parameters": len(system.parameter_names),
         "channels": len(system.channel_names), "n_constants": len(composition.constants),
         "n_moving": len(moving), "n_slots": len(slots),
-        "n_jumping": len(ints["jumping"]), "n_blocks": len(blocks), "n_weights": weights,
+        "n_jumping": len(ints["jumping"]), "n_ends": len(ints["ends"]), "n_blocks": len(blocks), "n_weights": weights,
         "read": composition.read, **composition.first,
     }  # fmt: skip
     plan = _Plan(**{k: a.ctypes.data for k, a in arrays.items()}, **bounds, **counts)

@@ -35,10 +35,11 @@ typedef struct {
     const double *constant;
     const int *moving, *rates; /* slots of the states of no block, and of their rates */
     const int *jumping, *after; /* slots of the states that jump, and of what they become */
+    const int *ends; /* slots of what is driven and read by others */
     const po_block *blocks;
-    po_list once, weigh, stage, reading, jump, start;
+    po_list once, weigh, driven, stage, reading, jump, start;
     int64_t count, n_slots, kept_plain, kept_moved, states, parameters, channels, n_constants,
-        n_moving, n_jumping, n_blocks, n_weights;
+        n_moving, n_jumping, n_ends, n_blocks, n_weights;
     int64_t time, drive, slope, channel, channel_slope, state, parameter, deviation, length,
         weights, read;
 } po_plan;
@@ -253,6 +254,7 @@ int po_slopes(const po_plan *const p, const long instants, const double *AT, con
                 L[(b->state[i] - p->state) * n + b->state[j] - p->state] =
                     *number(m, b->matrix[b->size * i + j], N);
     for (long i = 0; i < n && N; ++i) ((double *)rows(m, p->state + i, N))[i] = 1.0;
+    if (N) prepare(p, m, p->driven, N);
     if (N) prepare(p, m, p->stage, N);
     for (long k = 0; k < instants; ++k, A += n * n) {
         *number(m, p->time, N) = *AT++;
@@ -261,6 +263,7 @@ int po_slopes(const po_plan *const p, const long instants, const double *AT, con
         for (int64_t i = 0; i < p->channels; ++i) *number(m, p->channel + i, N) = *AT++;
         for (int64_t i = 0; i < p->channels; ++i) *number(m, p->channel_slope + i, N) = *AT++;
         for (long i = 0; i < n; ++i) *number(m, p->state + i, N) = *AT++;
+        evaluate(p, m, p->driven, N);
         evaluate(p, m, p->stage, N);
         memset(A, 0, sizeof(double) * n * n);
         for (int64_t i = 0; i < p->n_moving; ++i)
@@ -531,6 +534,7 @@ static void prepare_all(const po_plan *const p, const po_memory *const m, const 
     prepare(p, m, p->once, N);
     evaluate(p, m, p->once, N);
     prepare(p, m, p->weigh, N);
+    prepare(p, m, p->driven, N);
     prepare(p, m, p->stage, N);
     prepare(p, m, p->reading, N);
     prepare(p, m, p->jump, N);
@@ -563,6 +567,18 @@ INLINE void advance(const po_plan *const p, po_instant *const i, double *const c
     for (int64_t a = 0; a < p->channels; ++a) cT[a] += i->dc[a] * hT;
 }
 
+/* What is driven, where the first segment begins. From then on it is known wherever a sub-step
+   begins and a reading is taken: as it was where the last sub-step ended. */
+INLINE void drive_begins(const po_plan *const p, const po_memory *const m, const long n,
+                         const po_segments *const s, double *const c, double *const cT,
+                         const int delayed, const long N)
+{
+    if (!n || !p->driven.count) return;
+    const po_instant i = instant_of(p, s, 0, c, cT, delayed);
+    place(p, m, &i, 0.0, 0.0, delayed, N);
+    evaluate(p, m, p->driven, N);
+}
+
 /* Function by function. Returns whether it came to the end. */
 INLINE int walk(const po_plan *const p, const po_memory *const m, const long n,
                 const po_segments *const s, const po_wanted *const to, const int delayed,
@@ -574,6 +590,7 @@ INLINE int walk(const po_plan *const p, const po_memory *const m, const long n,
     po_lengths l = {m->kept, m->K, 0, 0};
 
     prepare_all(p, m, N);
+    drive_begins(p, m, n, s, c, cT, delayed, N);
     for (long j = 0; j < n; ++j) {
         const int cuts = s->NSUB[j];
         const double h = cuts > 0 ? s->H[j] / cuts : 0.0;
@@ -585,6 +602,7 @@ INLINE int walk(const po_plan *const p, const po_memory *const m, const long n,
         for (int cut = 0; cut < cuts; ++cut) {
 #define STAGE(s, past, pastT)                                                                      \
     place(p, m, &i, past, pastT, delayed, N);                                                      \
+    if ((s) & 1) evaluate(p, m, p->driven, N);                                                     \
     evaluate(p, m, p->stage, N);                                                                   \
     block_rates(p, m, s, N);                                                                       \
     move(p, m, s, h, hT, delayed, N);
@@ -649,6 +667,7 @@ static int walk_machine(const po_plan *const p, const po_memory *const m, const 
     po_lengths l = {m->kept, m->K, 0, 0};
 
     prepare_all(p, m, N);
+    drive_begins(p, m, n, s, c, cT, delayed, N);
     for (long j = 0; j <= n; ++j) {
         if (several && !waiting && j + several <= n) { /* the usual: a sub-step a sample */
             int usual = 1;

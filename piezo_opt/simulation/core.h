@@ -35,6 +35,7 @@ enum {
     PO_SQUARE, PO_TWICE, PO_INVERSE, PO_ROOT, PO_SIZE, PO_SIGN, PO_POWER, PO_CALL, PO_CALL_TWO,
     PO_OUTPUT, PO_SLOPE, PO_END
 };
+enum { PO_OTHER, PO_TANH }; /* kinds of calls: the word's b */
 typedef void po_any(void);
 typedef struct { int word, a, b; double number; po_any *called; } po_word;
 

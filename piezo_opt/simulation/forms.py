@@ -14,9 +14,10 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Final, final
 
 import casadi as ca
+import numpy as np
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Place, Signal, Symbols
-from piezo_opt.effects.promises import equations_of
+from piezo_opt.effects.promises import SIZES, equations_of
 from piezo_opt.errors import ModelError
 from piezo_opt.simulation.exponential import split
 
@@ -25,6 +26,12 @@ STATE: Final = "x:"
 CHANNEL: Final = "channel:"
 RATE: Final = "'"
 """Ends the name of a number's rate."""
+_UNITS: Final = {
+    "command": "V", "drive": "V", "incoming": "V", "free": "m", "position": "m", "hysteresis": "m",
+}  # fmt: skip
+_INSTANTS: Final = 8
+_ROUNDING: Final = 1e-9
+"""Share of a number that the rounding of a sum of some tens of terms stays below by far."""
 
 
 @final
@@ -85,6 +92,7 @@ class Form:
             where a force follows the velocity itself.
         inertia: as in :class:`piezo_opt.effects.base.Equations`.
         delays: the same.
+        settled: whether what it gives is the same before and after its states jump.
     """
 
     parts: Mapping[str, Part]
@@ -96,6 +104,7 @@ class Form:
     massless: Mapping[str, tuple[Term, ...]]
     inertia: Term
     delays: Term
+    settled: bool
 
 
 @final
@@ -169,6 +178,7 @@ def written(effect: Effect, runtime: frozenset[str]) -> tuple[Form, dict[str, Wr
 class _Writer:
     def __init__(self, effect: Effect, runtime: frozenset[str]) -> None:
         self._symbols: dict[str, ca.SX] = {}
+        self._headings: list[tuple[ca.SX, ca.SX]] = []
         self._parts: dict[str, Part] = {}
         self._written: dict[str, Written] = {}
         self._effect = effect
@@ -200,7 +210,9 @@ class _Writer:
         return self._symbols.setdefault(name, ca.SX.sym(name))
 
     def _signal(self, name: str) -> Signal:
-        return Signal(self._symbol(name), self._symbol(name + RATE))
+        rate, heading = self._symbol(name + RATE), ca.SX.sym(f"heading of {name}")
+        self._headings.append((heading, rate))
+        return Signal(self._symbol(name), rate, heading)
 
     def form(self) -> tuple[Form, dict[str, Written]]:
         said = equations_of(
@@ -210,7 +222,7 @@ class _Writer:
             for state in what:
                 if state not in self._effect.states:
                     raise ModelError(f"'{state}' is not a declared state")
-        gives = ca.SX(said.gives)
+        gives = self._by_rate(said.gives)
         asked = self._effect.place.is_line or self._effect.place is Place.STRAIN
         by_time = [n for n in self._symbols if _moves(n)] if asked else []
         rates = [ca.SX(1.0) if n == "time" else self._symbol(n + RATE) for n in by_time]
@@ -219,16 +231,55 @@ class _Writer:
         )
         form = Form(
             parts=self._parts,
-            gives=self._terms("gives", gives)[0],
+            gives=self._terms("gives", self._by_rate(said.gives, 0.0))[0],
             rate=self._terms("rate", rate)[0],
             moves=self._columns("moves", said.moves),
             starts=self._columns("starts", said.starts, apart=True),
             becomes=self._columns("becomes", said.becomes),
             massless=self._massless(gives, said),
-            inertia=self._terms("inertia", ca.SX(said.inertia))[0],
-            delays=self._terms("delays", ca.SX(said.delays))[0],
+            inertia=self._terms("inertia", self._by_rate(said.inertia))[0],
+            delays=self._terms("delays", self._by_rate(said.delays))[0],
+            settled=self._settled(said),
         )
         return form, self._written
+
+    def _by_rate(self, said: Any, times: float = 1.0) -> ca.SX:
+        """An expression with the rates, times a number, where it asks for headings."""
+        headings = [heading for heading, _ in self._headings]
+        rates = [times * rate for _, rate in self._headings]
+        found: ca.SX = ca.substitute([ca.SX(said)], headings, rates)[0]
+        return found
+
+    def _settled(self, said: Equations) -> bool:
+        """Whether it is the same at instants drawn at random: a jump that it follows shows in it
+        with a part of the size of itself."""
+        if not said.becomes:
+            return True
+        given = self._by_rate(said.gives, 0.0)
+        jumping = [self._x[k] for k in said.becomes]
+        after = ca.substitute([given], jumping, [ca.SX(v) for v in said.becomes.values()])[0]
+        names = [s.name() for s in ca.symvar(ca.vertcat(given, after))]
+        both = ca.Function("po_both", [self._symbols[n] for n in names], [given, after])
+        random = np.random.default_rng(0)
+        pairs = []
+        for _ in range(_INSTANTS):
+            drawn = (
+                self._size(n) * (1.0 if n.startswith(PARAMETER) else random.standard_normal())
+                for n in names
+            )
+            pairs.append([float(one) for one in both(*drawn)])
+        found = np.array(pairs)
+        return bool(np.ptp(found, axis=1).max() <= _ROUNDING * np.abs(found).max())
+
+    def _size(self, name: str) -> float:
+        """The usual size of a number."""
+        kind, _, own = name.partition(":")
+        if name.startswith(PARAMETER):
+            return self._effect.parameters[own].nominal
+        unit = _UNITS.get(kind, "1")
+        if name.startswith(STATE):
+            unit = self._effect.declared_states[own.partition("[")[0]].unit
+        return SIZES.get(unit, 1.0)
 
     def _massless(self, gives: ca.SX, said: Equations) -> dict[str, tuple[Term, ...]]:
         declared = self._effect.declared_states
@@ -245,7 +296,7 @@ class _Writer:
             return {}
         rates = {"time": ca.SX(1.0), "position": v}
         for k, size in self._effect.states.items():
-            rate = held(said.moves.get(k, 0.0))
+            rate = held(self._by_rate(said.moves.get(k, 0.0)))
             column = ca.repmat(rate, size, 1) if rate.numel() == 1 else ca.reshape(rate, size, 1)
             names = (STATE + name for name in elements(k, size))
             rates.update(zip(names, ca.vertsplit(ca.densify(column)), strict=True))
@@ -271,7 +322,7 @@ class _Writer:
     ) -> dict[str, tuple[Term, ...]]:
         columns = {}
         for state, expression in said.items():
-            column, size = ca.SX(expression), self._effect.states[state]
+            column, size = self._by_rate(expression), self._effect.states[state]
             if column.numel() == 1:
                 column = ca.repmat(column, size, 1)
             elif column.numel() != size:

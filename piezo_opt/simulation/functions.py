@@ -20,6 +20,7 @@ from piezo_opt.simulation.forms import Written
 from piezo_opt.simulation.instructions import (
     LOG_ABOVE,
     POWER,
+    TANH,
     Instruction,
     fused,
     instructions,
@@ -184,11 +185,12 @@ def _words(
             at[k] = say(_WORDS[one.op], *inputs)
         elif one.op == LOG_ABOVE:
             one_more = say("ADD", inputs[0], say("CONSTANT", 0, 0, 1.0))
-            at[k] = say("CALL", one_more, 0, 0, "(po_any *)po_log")
+            at[k] = say("CALL", one_more, "PO_OTHER", 0, "(po_any *)po_log")
         else:
             name = pattern(one.op).partition("(")[0]
             kind = "CALL" if len(inputs) == 1 else "CALL_TWO"
-            at[k] = say(kind, inputs[0], inputs[-1], 0, f"(po_any *){name}")
+            other = "PO_TANH" if one.op == TANH else inputs[1] if len(inputs) == 2 else 0
+            at[k] = say(kind, inputs[0], other, 0, f"(po_any *){name}")
     for i, k in enumerate(ends[0]):
         say("OUTPUT", at.get(k, 0), i)
     for k, (output, column) in zip(ends[1] if len(ends) > 1 else (), places, strict=True):

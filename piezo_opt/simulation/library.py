@@ -281,7 +281,8 @@ def _told(form: Form) -> dict[str, Any]:
 
     parts = {k: part(one) for k, one in form.parts.items()}
     single = {k: term(getattr(form, k)) for k in _SINGLE}
-    return {"parts": parts, **single, **{k: columns(getattr(form, k)) for k in _COLUMNS}}
+    many = {k: columns(getattr(form, k)) for k in _COLUMNS}
+    return {"parts": parts, **single, **many, "settled": form.settled}
 
 
 _SINGLE: Final = ("gives", "rate", "inertia", "delays")
@@ -302,7 +303,8 @@ def _form(told: Mapping[str, Any]) -> Form:
     moves, starts, becomes, massless = (
         {n: tuple(Term(*t) for t in terms) for n, terms in told[k].items()} for k in _COLUMNS
     )
-    return Form(parts, gives, rate, moves, starts, becomes, massless, inertia, delays)
+    settled = bool(told["settled"])
+    return Form(parts, gives, rate, moves, starts, becomes, massless, inertia, delays, settled)
 
 
 def _file(name: str) -> str:

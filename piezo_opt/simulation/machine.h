@@ -85,6 +85,24 @@ static int mask_of(po_trace *const t, const int a)
     return compared(t, UNEQUAL, a, constant(t, 0.0));
 }
 
+/* One where a number is zero. */
+static int untruth(po_trace *const t, const int a)
+{
+    const po_instruction *const one = t->list + a;
+    const int said_so = one->op == M_AND && is(t, one->in[1], 1.0);
+    return said_so ? said(t, plain(M_CLEAR, one->in[0], constant(t, 1.0), NOTHING))
+                   : truth(t, compared(t, EQUAL, a, constant(t, 0.0)));
+}
+
+/* A number where another one is not zero. */
+static int where(po_trace *const t, const int a, const int b)
+{
+    const po_instruction *const one = t->list + a;
+    const int not = one->op == M_CLEAR && is(t, one->in[1], 1.0);
+    return said(t, not ? plain(M_CLEAR, one->in[0], b, NOTHING)
+                       : plain(M_AND, mask_of(t, a), b, NOTHING));
+}
+
 /* What the numbers of the instants are while the list is written: of each slot the number and its
    rows, unknown until they are asked for. */
 typedef struct {
@@ -154,6 +172,7 @@ static void write_words(po_writer *const w, const po_operation *const o)
         const int b = one->word >= PO_ADD && one->word < PO_END && one->b <= k ? v[one->b] : 0;
         po_instruction call = plain(M_CALL, a, NOTHING, NOTHING);
         call.by.called = one->called;
+        call.detail = one->word == PO_CALL ? one->b : 0;
         switch (one->word) {
         case PO_CONSTANT: v[k] = constant(t, one->number); break;
         case PO_READ: v[k] = number_of(w, A[one->a]); break;
@@ -176,8 +195,8 @@ static void write_words(po_writer *const w, const po_operation *const o)
             v[k] = sum(t, truth(t, mask_of(t, a)),
                        said(t, plain(M_CLEAR, mask_of(t, a), truth(t, mask_of(t, b)), NOTHING)));
             break;
-        case PO_NOT: v[k] = truth(t, compared(t, EQUAL, a, constant(t, 0.0))); break;
-        case PO_WHERE: v[k] = said(t, plain(M_AND, mask_of(t, a), b, NOTHING)); break;
+        case PO_NOT: v[k] = untruth(t, a); break;
+        case PO_WHERE: v[k] = where(t, a, b); break;
         case PO_MINUS: v[k] = minus(t, a); break;
         case PO_SQUARE: v[k] = product(t, a, a); break;
         case PO_TWICE: v[k] = said(t, plain(M_ADD, a, a, NOTHING)); break;
@@ -428,6 +447,7 @@ static void write_step(po_writer *const w, const po_instant_places *const at, co
     if (!begun || !rate || !blocks) t->failed = 1;
     for (int s = 0; s < 4 && !t->failed; ++s) {
         write_instant(w, at, shares[s], which);
+        if (s & 1) write_list(w, p->driven);
         write_list(w, p->stage);
         for (int64_t k = 0; k < p->n_blocks; ++k) {
             const po_block *const b = p->blocks + k;
@@ -476,6 +496,7 @@ static void write_step(po_writer *const w, const po_instant_places *const at, co
     else if (which < 0)
         for (int64_t k = 0; k < p->n_blocks && !t->failed; ++k)
             for (int i = 0; i < p->blocks[k].size; ++i) store(w, p->blocks[k].state[i]);
+    for (int64_t a = 0; which < 0 && a < p->n_ends && !t->failed; ++a) store(w, p->ends[a]);
     free(begun);
     free(rate);
     free(blocks);
@@ -510,6 +531,7 @@ static void write_several(po_writer *const w, const po_instant_places *const at,
         store_at(w, p->read, at->read + k * w->stride);
     }
     for (int64_t a = 0; a < p->states && !w->trace.failed; ++a) store(w, p->state + a);
+    for (int64_t a = 0; a < p->n_ends && !w->trace.failed; ++a) store(w, p->ends[a]);
 }
 
 /* Where rows may be other than zero; to a fixed point, because states follow one another. */
@@ -555,6 +577,7 @@ static void spread_all(const po_plan *const p, uint64_t *const groups, const uin
         changed = 0;
         spread(p, p->once, groups, 1, &changed);
         spread(p, p->weigh, groups, 1, &changed);
+        spread(p, p->driven, groups, 1, &changed);
         spread(p, p->stage, groups, 1, &changed);
         spread(p, p->reading, groups, 1, &changed);
         spread(p, p->jump, groups, 1, &changed);
@@ -599,19 +622,17 @@ po_code *po_translate(const po_plan *const p, const int *const MOVES, const int 
     po_code *const code = calloc(1, sizeof *code);
     if (!code) return NULL;
     code->groups = calloc(p->count + 1, sizeof(uint64_t));
-    po_trace made = {0};
-    made.room = MOST;
-    made.width = 1 << 17;
-    made.list = malloc(sizeof(po_instruction) * MOST);
-    made.table = malloc(sizeof(int) * made.width);
-    po_writer w = {.trace = made, .plan = p, .groups = code->groups, .many = many,
+    po_trace regrouped = empty();
+    po_writer w = {.trace = empty(), .plan = p, .groups = code->groups, .many = many,
                    .stride = STRIDE(N), .moved = D > 0};
     w.number = malloc(sizeof(int) * p->count);
     w.row = malloc(sizeof(int) * (p->count * many + 1));
     po_coder c = {.room = 1 << 20};
     c.bytes = mmap(NULL, c.room, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (c.bytes == MAP_FAILED) c.bytes = NULL;
-    int good = code->groups && made.list && made.table && w.number && w.row && c.bytes;
+    int *const all = malloc(sizeof(int) * 3 * MOST);
+    int good = code->groups && w.trace.list && w.trace.table && regrouped.list && regrouped.table
+        && w.number && w.row && c.bytes && all;
     if (good) {
         uint64_t clocks = 0;
         for (long d = 0; d < D; ++d) {
@@ -625,21 +646,24 @@ po_code *po_translate(const po_plan *const p, const int *const MOVES, const int 
         const po_instant_places places = {at.instant, at.instant + 8, at.instant + 16, at.clock,
                                           at.several, at.read, clocks};
         int64_t begins[3] = {0};
-        int several = 0;
+        int several = 0, long_is = 0;
         w.kept = at.k;
         for (int which = 0; which < 2 + (several > 1) && good; ++which) {
-            memset(w.trace.table, 255, sizeof(int) * w.trace.width);
-            w.trace.count = 0;
+            emptied(&w.trace);
+            emptied(&regrouped);
             for (int64_t i = 0; i < p->count; ++i) w.number[i] = UNKNOWN;
             for (int64_t i = 0; i < p->count * many; ++i) w.row[i] = UNKNOWN;
             if (which == 0) write_step(&w, &places, -1);
             else if (which == 1) write_reading(&w, &places);
             else write_several(&w, &places, several);
-            if (which == 0 && !clocks && !p->channels)
-                several = w.trace.count < BRIEF ? 4 : w.trace.count < 2 * BRIEF ? 2 : 1;
-            begins[which] = coded(&w.trace, &c, at.bytes, TOLD ? TOLD[which] : NULL);
-            if (TOLD) COUNTS[which] = w.trace.count;
-            good = !w.trace.failed && c.size <= c.room;
+            if (!w.trace.failed) together(&w.trace, &regrouped, all);
+            else regrouped.failed = 1;
+            begins[which] = coded(&regrouped, &c, at.bytes, TOLD ? TOLD[which] : NULL);
+            if (TOLD) COUNTS[which] = regrouped.count;
+            long_is += regrouped.count;
+            if (which == 1 && !clocks && !p->channels)
+                several = long_is < BRIEF ? 4 : long_is < 2 * BRIEF ? 2 : 1;
+            good = !regrouped.failed && c.size <= c.room;
         }
         if (good) {
             const int64_t page = 4096, bytes = (c.size + page - 1) / page * page;
@@ -659,8 +683,11 @@ po_code *po_translate(const po_plan *const p, const int *const MOVES, const int 
         if (good) code->memory = c.bytes, code->bytes = c.room;
         else munmap(c.bytes, c.room);
     }
-    free(made.list);
-    free(made.table);
+    free(w.trace.list);
+    free(w.trace.table);
+    free(regrouped.list);
+    free(regrouped.table);
+    free(all);
     free(w.number);
     free(w.row);
     if (good) return code;

@@ -90,7 +90,7 @@ class MaxwellSlip(Effect):
         for i in range(2, k + 1):
             thresholds.append(thresholds[-1] * (getattr(p, f"q{i}") if self.free else p.spacing))
         radii = stack(thresholds)
-        followed = dragged(x.z, v, chain.drive.rate, radii)
+        followed = dragged(x.z, v, chain.drive.heading, radii)
         own = stack([getattr(p, f"h{i + 1}") for i in range(k)]) if self.free else None
         carried = p.h / k if own is None else own
         return Equations(

@@ -79,7 +79,7 @@ class PrandtlIshlinskii(Effect):
         v, k = chain.drive.value, self.operators
         radii = stack([p.r * (i + 1) / k for i in range(k)])
         shares = stack([exp(-p.decay * i / k) for i in range(k)])
-        followed = dragged(x.z, v, chain.drive.rate, radii)
+        followed = dragged(x.z, v, chain.drive.heading, radii)
         looped = -p.rho / k * sum_(shares * (v - followed))
         return Equations(
             gives=looped + self._bent(sum_(shares * followed) / sum_(shares), p),

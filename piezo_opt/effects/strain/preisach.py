@@ -136,7 +136,7 @@ class Preisach(Effect):
             weights = stack(_between([getattr(p, _weight(i)) for i in range(_WEIGHTS)]))
         else:
             weights = stack([p.rho / k * exp(-p.decay * i / k) for i in range(k)])
-        followed = dragged(x.z, v, chain.drive.rate, radii)
+        followed = dragged(x.z, v, chain.drive.heading, radii)
         breadths = stack([p.b * exp(p.widening * (i + 1) / k) for i in range(k)])
         bent = _share(followed, breadths, p) - _share(0.0, breadths, p)
         return Equations(
