@@ -359,9 +359,11 @@ class _Assembler:
             signal = Signal(value, outgoing_rate)
         return signal.value
 
-    def _headed(self, value: Expression, times: float = 1.0) -> Expression:
+    def _headed(self, value: Expression, times: float = 1.0) -> ca.SX:
         """A value with the rate of the drive, times a number, for its heading."""
-        return ca.substitute(_written(value), self.drive.heading, times * self.drive.rate)
+        by = times * self.drive.rate
+        found: ca.SX = ca.substitute([_written(value)], [self.drive.heading], [by])[0]
+        return found
 
     def _sum(self, place: Place) -> Expression:
         total = ca.SX(0.0)

@@ -58,9 +58,9 @@ class _Plan(ctypes.Structure):
         *((name, _List) for name in _LISTS),
         *((name, _WHOLE) for name in (
             "count", "n_slots", "kept_plain", "kept_moved", "states", "parameters", "channels",
-            "n_constants", "n_moving", "n_jumping", "n_ends", "n_blocks", "n_weights", "time", "drive",
-            "slope", "channel", "channel_slope", "state", "parameter", "deviation", "length",
-            "weights", "read",
+            "n_constants", "n_moving", "n_jumping", "n_ends", "n_blocks", "n_weights", "time",
+            "drive", "slope", "channel", "channel_slope", "state", "parameter", "deviation",
+            "length", "weights", "read",
         )),
     ]  # fmt: skip
 
@@ -258,8 +258,8 @@ def _planned(
         "states": len(system.state_names), "parameters": len(system.parameter_names),
         "channels": len(system.channel_names), "n_constants": len(composition.constants),
         "n_moving": len(moving), "n_slots": len(slots),
-        "n_jumping": len(ints["jumping"]), "n_ends": len(ints["ends"]), "n_blocks": len(blocks), "n_weights": weights,
-        "read": composition.read, **composition.first,
+        "n_jumping": len(ints["jumping"]), "n_ends": len(ints["ends"]), "n_blocks": len(blocks),
+        "n_weights": weights, "read": composition.read, **composition.first,
     }  # fmt: skip
     plan = _Plan(**{k: a.ctypes.data for k, a in arrays.items()}, **bounds, **counts)
     return Program(system, composition, plan, _typed(core), (arrays, held))

@@ -32,6 +32,7 @@ from piezo_opt.effects import (
     Parameter,
     PiezoGain,
     Place,
+    Preisach,
     PrandtlIshlinskii,
     SecondMode,
     SecondOrder,
@@ -52,6 +53,7 @@ from piezo_opt.simulation.library import MACHINE
 from piezo_opt.simulation.runs import Run
 from piezo_opt.simulation.schedule import Segment, corners, segments
 from piezo_opt.simulation.scheme import scheme
+from piezo_opt.symbolic import where_
 from piezo_opt.values import Values
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="compiles C: no compiler")
@@ -300,6 +302,64 @@ class Sluggish(Effect):
 def test_an_effect_of_ones_own_is_composed_as_well() -> None:
     model = Sluggish() + PiezoGain() + BoucWen() + SecondOrder()
     compared(model, drawn(model, np.random.default_rng(8)), exact=True)
+
+
+@final
+@dataclass(frozen=True)
+class Relay(Effect):
+    """A strain that is gained above a threshold and kept within a stretch.
+
+    s += q z,   z becomes 1 where v > t and 0 where not
+    """
+
+    place = Place.STRAIN
+    z = State("1", "whether it is on")
+    q = Parameter("m", "what is gained", nominal=1e-6, bounds=(0.0, 1.0), null=0.0)
+    t = Parameter("V", "threshold", nominal=40.0, bounds=(0.0, 100.0))
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        on = where_(chain.drive.value > p.t, 1.0, 0.0)
+        return Equations(gives=p.q * x.z, becomes={"z": on}, starts={"z": on})
+
+
+PLAYS: Sequence[Effect] = (
+    PrandtlIshlinskii(), Preisach(), Preisach(free=True), MaxwellSlip(), MaxwellSlip(free=True),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("law", PLAYS, ids=repr)
+def test_what_the_drive_alone_moves_is_asked_twice_a_sub_step(law: Effect) -> None:
+    """In its middle and at its end, and for a reading not again: a strain of plays is the same
+    before and after they are moved on. Where they follow a lag it is asked at every stage."""
+    model = GAIN + law + Creep() + SecondOrder()
+    driven = program(named(model, folded(model)), exact=True)
+    lagging = AmplifierLag() + model
+    moved = program(named(lagging, folded(lagging)), exact=True)
+    assert driven is not None
+    assert moved is not None
+    asked = {k: len(v) for k, v in driven.composition.lists.items()}
+    again = {k: len(v) for k, v in moved.composition.lists.items()}
+    assert asked["driven"] >= again["driven"] + 2  # the law, and the sum of the strains
+    assert asked["driven"] + asked["stage"] <= again["driven"] + again["stage"]
+    for model in (driven, moved):
+        lists = model.composition.lists
+        assert not {*lists["driven"]} & {*lists["stage"], *lists["reading"], *lists["jump"]}
+
+
+def test_a_strain_that_jumps_with_its_state_is_asked_after_the_jump() -> None:
+    model = GAIN + Relay() + Creep() + SecondOrder()
+    form = library.functions_of(Relay(), frozenset())
+    assert form is not None
+    assert not form.form.settled
+    compared(model, drawn(model, np.random.default_rng(3)), exact=True)
+
+
+def test_saturated_to_the_last_digit_and_beyond() -> None:
+    """tanh of numbers from 0 to a thousand, four at a time, on both sides."""
+    for centre, breadth in ((40.0, 1e-3), (40.0, 1.0), (-1e4, 10.0), (40.0, 1e5)):
+        model = GAIN + Preisach(free=True) + Creep()
+        values = {**Values.nominal(model), "preisach.c": centre, "preisach.b": breadth}
+        compared(model, values, exact=True)
 
 
 def test_a_constant_delay_is_not_dropped() -> None:
