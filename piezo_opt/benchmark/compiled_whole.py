@@ -19,15 +19,19 @@ from piezo_opt.simulation.composed import ComposedEngine
 
 FloatArray = NDArray[np.float64]
 
-(LOAD, ROW, CONSTANT, ADD, SUB, MUL, DIV, MIN, MAX, AND, CLEAR, FLIP, ROOT, COMPARE, JOIN,
- LESS_JOIN, JOIN_LESS, CALL, POWER, STORE, STORE_ROW) = range(21)  # fmt: skip
+(LOAD, ROW, CONSTANT, ADD, SUB, MUL, DIV, MIN, MAX, AND, CLEAR, FLIP, PAIR, QUAD, ROOT,
+ COMPARE, LANE, JOIN, LESS_JOIN, JOIN_LESS, CALL, POWER, CALL_FOUR, STORE,
+ STORE_ROW) = range(25)  # fmt: skip
 """Operations of ``assembler.h``, in its order."""
 _TEXTS: Final = {
     ADD: "{0} + {1}", SUB: "{0} - {1}", MUL: "{0} * {1}", DIV: "{0} / {1}", FLIP: "-{1}",
     MIN: "{0} < {1} ? {0} : {1}", MAX: "{0} > {1} ? {0} : {1}", AND: "{0} ? {1} : 0.0",
     ROOT: "sqrt({0})", JOIN: "{2} + {0} * {1}", LESS_JOIN: "{2} - {0} * {1}",
-    JOIN_LESS: "{0} * {1} - {2}",
+    JOIN_LESS: "{0} * {1} - {2}", PAIR: "(four){{{0}, {1}, {0}, {1}}}",
+    QUAD: "(four){{{0}[0], {0}[1], {1}[2], {1}[3]}}",
 }  # fmt: skip
+_WIDE: Final = (PAIR, QUAD, CALL_FOUR)
+"""Operations that make four numbers of their own."""
 _COMPARED: Final = {0x11: "<", 0x12: "<=", 0x00: "==", 0x04: "!=", 0x1E: ">"}
 _BASES: Final = {3: "b", 5: "W", 14: "WR"}
 _HEAD: Final = """\
@@ -35,6 +39,7 @@ _HEAD: Final = """\
 #include <stdint.h>
 typedef double four __attribute__((vector_size(32)));
 typedef double one_of(double), one_of_two(double, double), power(double, const void *);
+typedef four four_of(four);
 #define NUMBER(at) (*(double *)(at))
 #define FOUR(at) (*(four *)(at))
 """
@@ -80,15 +85,26 @@ def _function(name: str, instructions: Sequence[Any] | NDArray[Any]) -> str:
         elif op == STORE_ROW:
             value = said[0] if inputs[0] in rows else "(four){0}"
             lines.append(f"FOUR({place}) = {value};")
-        elif op == ROW or (op not in (LOAD, CONSTANT, COMPARE, AND) and rows & {*inputs}):
+        elif op == LANE:
+            lines.append(f"const double v{k} = {said[0]}[{int(one['detail'])}];")
+        elif op in (ROW, *_WIDE) or (op not in (LOAD, CONSTANT, COMPARE, AND) and rows & {*inputs}):
             rows.add(k)
-            text = f"FOUR({place})" if op == ROW else _TEXTS[op].format(*said)
-            lines.append(f"const four v{k} = {text};")
+            lines.append(f"const four v{k} = {_four(one, op, place, said)};")
         elif op == COMPARE:
             lines.append(f"const int v{k} = {said[0]} {_COMPARED[int(one['detail'])]} {said[1]};")
         else:
             lines.append(f"const double v{k} = {_number(one, op, place, said, zeros)};")
     return "\n    ".join(lines) + "\n}\n"
+
+
+def _four(one: Any, op: int, place: str, said: Sequence[str]) -> str:
+    if op == CALL_FOUR:
+        return f"((four_of *)(uintptr_t){_address(one)}u)({said[0]})"
+    return f"FOUR({place})" if op == ROW else _TEXTS[op].format(*said)
+
+
+def _address(one: Any) -> int:
+    return int(np.float64(one["by"]).view(np.uint64))
 
 
 def _number(one: Any, op: int, place: str, said: Sequence[str], zeros: set[int]) -> str:
@@ -100,9 +116,8 @@ def _number(one: Any, op: int, place: str, said: Sequence[str], zeros: set[int])
         size = int(one["inputs"][0]) in zeros
         return f"fabs({said[1]})" if size else f"{said[0]} ? 0.0 : {said[1]}"
     if op in (CALL, POWER):
-        address = int(np.float64(one["by"]).view(np.uint64))
         if op == POWER:
-            return f"((power *)(uintptr_t){address}u)({said[0]}, b + {int(one['place'])})"
+            return f"((power *)(uintptr_t){_address(one)}u)({said[0]}, b + {int(one['place'])})"
         kind = "one_of" if len(said) == 1 else "one_of_two"
-        return f"(({kind} *)(uintptr_t){address}u)({', '.join(said)})"
+        return f"(({kind} *)(uintptr_t){_address(one)}u)({', '.join(said)})"
     return _TEXTS[op].format(*said)
