@@ -760,7 +760,7 @@ def test_a_loop_of_hundreds_of_plays_is_met_by_a_few() -> None:
     ten, usual = left(PrandtlIshlinskii(10, 0)), left(PrandtlIshlinskii(dead_zones=0))
     assert usual < 2e-5
     assert ten / usual == pytest.approx(4.0, rel=0.25)
-    assert left(Preisach(free=True)) < 1.5e-5
+    assert left(Preisach(free=True)) < 2e-5
 
 
 def test_creep_goes_to_its_share() -> None:
@@ -1241,8 +1241,8 @@ def test_free_weights_over_a_broad_density_are_a_sum_of_plays() -> None:
     largest = float(np.ptp(drive)) / 2.0
     values |= {"preisach.r": largest, "preisach.b": 1e6, "preisach.c": 0.0, "preisach.origin": 7.0}
     reading, _ = respond(model, time, drive, values, 1.0)
-    shares = np.arange(1, 31) / 30.0
-    each = np.interp(shares, np.arange(1, 11) / 10.0, weights) / 3.0
+    shares = np.arange(1, 21) / 20.0
+    each = np.interp(shares, np.arange(1, 11) / 10.0, weights) / 2.0
     played = np.clip(7.0, drive[0] - largest * shares, drive[0] + largest * shares)
     expected = []
     for at in drive:

@@ -14,10 +14,10 @@ from piezo_opt.symbolic import dragged, exp, play, stack, sum_, tanh
 _WEIGHTS = 10
 """Weights of the form in which they are free: the density over the thresholds is a line between
 each two of them."""
-_BETWEEN = 3
+_BETWEEN = 2
 """Plays for each of those weights. Between thresholds that are 1/k of a loop's width apart the loop
-of a smooth density is a chord, at most 1/(8 k^2) of its height off: with thirty, a hundredth of a
-per cent."""
+of a smooth density is a chord, at most 1/(8 k^2) of its height off: with twenty, three
+hundredths of a per cent."""
 
 
 def _weight(index: int) -> str:
@@ -56,7 +56,7 @@ class Preisach(Effect):
         s += sum_i w_i b_i [S_i(z_i) - S_i(0)],   b_i = b exp(widening i / k)
         S_i(z) = tanh(e + flatness e^3),   e = (z - c) / b_i
         w_i = rho / k exp(-decay (i - 1) / k)
-        w1 .. w10 are parameters, three plays each, linear in between   free
+        w1 .. w10 are parameters, two plays each, linear in between   free
         z_i begins at min(max(origin, v - r_i), v + r_i)
 
     A Preisach operator is a superposition, over the half-distance r of a relay's thresholds, of
