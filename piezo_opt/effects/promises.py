@@ -23,8 +23,8 @@ from piezo_opt.effects.strain.piezo_gain import PiezoGain
 from piezo_opt.errors import InputError, ModelError, PiezoOptError
 from piezo_opt.units import to_si
 
-_INSTANTS: Final = 8
-_CLOSE: Final = 1e-9
+INSTANTS: Final = 8
+CLOSE: Final = 1e-9
 SIZES: Final = {"m": 1e-5, "m/s": 1e-2, "V": 30.0}
 """Sizes of states by their unit; others are of size one."""
 
@@ -114,7 +114,7 @@ def check_promises(effect: Effect, assembled: Callable[[Model], Assembled]) -> N
     shared = [whole.state_names.index(name) for name in less.state_names]
     random = np.random.default_rng(0)
     nominal = {name: p.nominal for name, p in model.parameters.items()}
-    for _ in range(_INSTANTS):
+    for _ in range(INSTANTS):
         own = {
             f"{model.names[-1]}.{k}": null if k == gate else _drawn(random, p)
             for k, p in effect.parameters.items()
@@ -142,7 +142,7 @@ def _compare(where: str, told: tuple[str, ...], gate: str, own: Any, plain: Any)
                 "there; a gate that divides becomes a share, in + share (out - in), and functions "
                 "of symbols are those of piezo_opt.symbolic, not of math."
             )
-        if abs(with_it - without) > _CLOSE * max(abs(with_it), abs(without)):
+        if abs(with_it - without) > CLOSE * max(abs(with_it), abs(without)):
             raise ModelError(
                 f"{where}: the effect does not vanish at its null, {gate}: {name} is {with_it:.6g} "
                 f"and without the effect {without:.6g}; multiply what it gives by its gate, and on "

@@ -3,8 +3,9 @@
  * Every result in the list has one number, and what is said twice is one instruction. Products are
  * joined with the only sum that they are for, and what nobody needs is left out. Then the list is
  * translated one by one. Every value is a register of four numbers, a plain number four times the
- * same one, but for what four calls of a function at once take and give. Registers are given away by the next use of what they hold (Belady 1966, IBM Systems
- * Journal 5(2), 78-101), which a list without branches tells exactly.
+ * same one, but for what four calls of a function at once take and give. Registers are given away
+ * by the next use of what they hold (Belady 1966, IBM Systems Journal 5(2), 78-101), which a list
+ * without branches tells exactly.
  *
  * Only for processors with AVX2 under the System V ABI.
  */
@@ -22,7 +23,8 @@ enum { NOTHING = -1, UNKNOWN = -2, NEVER = 1 << 30, MOST = 40000, BRIEF = 500, R
 
 /* One instruction, whose number is that of its result: c + a b is a join. */
 typedef struct {
-    int op, detail, in[3], place; /* detail: kind of comparison, base register, lane or kind of call */
+    /* detail: kind of comparison, base register, which of four numbers, or kind of call */
+    int op, detail, in[3], place;
     union { double number; po_any *called; } by;
 } po_instruction;
 
@@ -39,17 +41,20 @@ __attribute__((target("avx2,fma"))) static po_four po_tanh_four(const po_four x)
 {
     const po_four_bits sign = (po_four_bits)x & INT64_MIN, size = (po_four_bits)x & INT64_MAX;
     const po_four_bits far = (po_four)size > 354.0; /* its exponential ends there */
-    const po_four v = -2.0 * (po_four)((far & (po_four_bits)(354.0 + (po_four){0})) | (~far & size));
+    const po_four_bits end = (po_four_bits)(354.0 + (po_four){0});
+    const po_four v = -2.0 * (po_four)((far & end) | (~far & size));
     /* v = k log 2 + r, k the last bits of a large number */
     const po_four shifted = v * 0x1.71547652b82fep0 + 0x1.8p52, k = shifted - 0x1.8p52;
     const po_four r = (v - k * 0x1.62e42fefa0000p-1) - k * 0x1.cf79abc9e3b39p-40;
     const po_four r2 = r * r, r4 = r2 * r2;
     const po_four low = (1.0 + r) + r2 * (1.0 / 2 + r * (1.0 / 6));
     const po_four middle = (1.0 / 24 + r * (1.0 / 120)) + r2 * (1.0 / 720 + r * (1.0 / 5040));
-    const po_four high = (1.0 / 40320 + r * (1.0 / 362880)) + r2 * (1.0 / 3628800 + r * (1.0 / 39916800));
+    const po_four high =
+        (1.0 / 40320 + r * (1.0 / 362880)) + r2 * (1.0 / 3628800 + r * (1.0 / 39916800));
     const po_four last = 1.0 / 479001600 + r * (1.0 / 6227020800);
     const po_four part = low + r4 * (middle + r4 * (high + r4 * last));
-    const po_four y = (po_four)((po_four_bits)part + ((po_four_bits)shifted << 52));
+    /* What is no number stays none. */
+    const po_four y = (po_four)((po_four_bits)part + ((po_four_bits)shifted << 52)) + 0.0 * v;
     return (po_four)((po_four_bits)((1.0 - y) / (1.0 + y)) | sign);
 }
 
@@ -465,6 +470,7 @@ static int moved_over(po_mover *const m, const int k)
     return 1;
 }
 
+/* The list with calls together, in the room of three numbers for each of its instructions. */
 static void together(const po_trace *const old, po_trace *const made, int *const all)
 {
     const int n = old->count;

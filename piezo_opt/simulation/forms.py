@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Place, Signal, Symbols
-from piezo_opt.effects.promises import SIZES, equations_of
+from piezo_opt.effects.promises import CLOSE, INSTANTS, SIZES, equations_of
 from piezo_opt.errors import ModelError
 from piezo_opt.simulation.exponential import split
 
@@ -29,9 +29,7 @@ RATE: Final = "'"
 _UNITS: Final = {
     "command": "V", "drive": "V", "incoming": "V", "free": "m", "position": "m", "hysteresis": "m",
 }  # fmt: skip
-_INSTANTS: Final = 8
-_ROUNDING: Final = 1e-9
-"""Share of a number that the rounding of a sum of some tens of terms stays below by far."""
+"""Units of signals; others count as of size one."""
 
 
 @final
@@ -92,7 +90,7 @@ class Form:
             where a force follows the velocity itself.
         inertia: as in :class:`piezo_opt.effects.base.Equations`.
         delays: the same.
-        settled: whether what it gives is the same before and after its states jump.
+        settled: whether what it gives is surely the same before and after its states jump.
     """
 
     parts: Mapping[str, Part]
@@ -251,35 +249,37 @@ class _Writer:
         return found
 
     def _settled(self, said: Equations) -> bool:
-        """Whether it is the same at instants drawn at random: a jump that it follows shows in it
-        with a part of the size of itself."""
-        if not said.becomes:
+        """Whether what it gives is the same before and after its states jump.
+
+        An effect says so by asking for a heading, as plays do. It is looked at where numbers are
+        drawn at random, of either sign and up to some tens of times their usual size.
+        """
+        given, states = self._by_rate(said.gives, 0.0), [self._x[k] for k in said.becomes]
+        if not any(ca.depends_on(given, state) for state in states):
             return True
-        given = self._by_rate(said.gives, 0.0)
-        jumping = [self._x[k] for k in said.becomes]
-        after = ca.substitute([given], jumping, [ca.SX(v) for v in said.becomes.values()])[0]
+        headings = [heading for heading, _ in self._headings]
+        if not ca.depends_on(ca.SX(said.gives), ca.vertcat(*headings)):
+            return False
+        after = ca.substitute([given], states, [ca.SX(v) for v in said.becomes.values()])[0]
         names = [s.name() for s in ca.symvar(ca.vertcat(given, after))]
         both = ca.Function("po_both", [self._symbols[n] for n in names], [given, after])
         random = np.random.default_rng(0)
-        pairs = []
-        for _ in range(_INSTANTS):
-            drawn = (
-                self._size(n) * (1.0 if n.startswith(PARAMETER) else random.standard_normal())
-                for n in names
-            )
-            pairs.append([float(one) for one in both(*drawn)])
-        found = np.array(pairs)
-        return bool(np.ptp(found, axis=1).max() <= _ROUNDING * np.abs(found).max())
+        drawn = ([self._drawn(random, n) for n in names] for _ in range(INSTANTS))
+        found = np.array([[float(one) for one in both(*numbers)] for numbers in drawn])
+        return bool(np.ptp(found, axis=1).max() <= CLOSE * np.abs(found).max())
 
-    def _size(self, name: str) -> float:
-        """The usual size of a number."""
+    def _drawn(self, random: np.random.Generator, name: str) -> float:
+        """A number that something of that name may be."""
         kind, _, own = name.partition(":")
         if name.startswith(PARAMETER):
-            return self._effect.parameters[own].nominal
+            parameter = self._effect.parameters[own]
+            far = parameter.nominal + parameter.scale * random.uniform(0.5, 1.5)
+            return float(np.clip(far, *parameter.bounds))
         unit = _UNITS.get(kind, "1")
         if name.startswith(STATE):
             unit = self._effect.declared_states[own.partition("[")[0]].unit
-        return SIZES.get(unit, 1.0)
+        size = SIZES.get(unit, 1.0) * 10.0 ** random.uniform(-1.0, 1.0)
+        return float(size * random.standard_normal())
 
     def _massless(self, gives: ca.SX, said: Equations) -> dict[str, tuple[Term, ...]]:
         declared = self._effect.declared_states

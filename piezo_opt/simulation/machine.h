@@ -98,8 +98,9 @@ static int untruth(po_trace *const t, const int a)
 static int where(po_trace *const t, const int a, const int b)
 {
     const po_instruction *const one = t->list + a;
-    const int not = one->op == M_CLEAR && is(t, one->in[1], 1.0);
-    return said(t, not ? plain(M_CLEAR, one->in[0], b, NOTHING)
+    const int no = one->op == M_CLEAR && is(t, one->in[1], 1.0)
+        && t->list[one->in[0]].op == M_COMPARE;
+    return said(t, no ? plain(M_CLEAR, one->in[0], b, NOTHING)
                        : plain(M_AND, mask_of(t, a), b, NOTHING));
 }
 
@@ -646,7 +647,7 @@ po_code *po_translate(const po_plan *const p, const int *const MOVES, const int 
         const po_instant_places places = {at.instant, at.instant + 8, at.instant + 16, at.clock,
                                           at.several, at.read, clocks};
         int64_t begins[3] = {0};
-        int several = 0, long_is = 0;
+        int several = 0, length = 0;
         w.kept = at.k;
         for (int which = 0; which < 2 + (several > 1) && good; ++which) {
             emptied(&w.trace);
@@ -660,9 +661,9 @@ po_code *po_translate(const po_plan *const p, const int *const MOVES, const int 
             else regrouped.failed = 1;
             begins[which] = coded(&regrouped, &c, at.bytes, TOLD ? TOLD[which] : NULL);
             if (TOLD) COUNTS[which] = regrouped.count;
-            long_is += regrouped.count;
+            length += regrouped.count;
             if (which == 1 && !clocks && !p->channels)
-                several = long_is < BRIEF ? 4 : long_is < 2 * BRIEF ? 2 : 1;
+                several = length < BRIEF ? 4 : length < 2 * BRIEF ? 2 : 1;
             good = !regrouped.failed && c.size <= c.room;
         }
         if (good) {

@@ -53,7 +53,7 @@ from piezo_opt.simulation.library import MACHINE
 from piezo_opt.simulation.runs import Run
 from piezo_opt.simulation.schedule import Segment, corners, segments
 from piezo_opt.simulation.scheme import scheme
-from piezo_opt.symbolic import where_
+from piezo_opt.symbolic import dragged, play, where_
 from piezo_opt.values import Values
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="compiles C: no compiler")
@@ -351,6 +351,56 @@ def test_a_strain_that_jumps_with_its_state_is_asked_after_the_jump() -> None:
     form = library.functions_of(Relay(), frozenset())
     assert form is not None
     assert not form.form.settled
+    compared(model, drawn(model, np.random.default_rng(3)), exact=True)
+
+
+@final
+@dataclass(frozen=True)
+class Latch(Effect):
+    """A strain that is there for good once the drive has been above a threshold.
+
+    s += q z,   z becomes 1 where v > t and stays where not
+    """
+
+    place = Place.STRAIN
+    z = State("1", "whether it is on")
+    q = Parameter(
+        "m", "what is gained", nominal=0.0, bounds=(0.0, 1.0), typical=(1e-7, 1e-6), null=0.0
+    )
+    t = Parameter("V", "threshold", nominal=80.0, bounds=(0.0, 1000.0))
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        on = where_(chain.drive.value > p.t, 1.0, x.z)
+        return Equations(gives=p.q * x.z, becomes={"z": on})
+
+
+def test_a_rare_jump_of_what_is_nominally_nothing_is_no_secret() -> None:
+    model = GAIN + Latch() + Creep() + SecondOrder()
+    compared(model, drawn(model, np.random.default_rng(3)), exact=True)
+
+
+def test_a_heading_is_believed_only_where_it_holds() -> None:
+    @final
+    @dataclass(frozen=True)
+    class Pushed(Effect):
+        """A play that asks for a heading and is dragged on further than it was seen to be."""
+
+        place = Place.STRAIN
+        z = State("V", "play")
+        q = Parameter(
+            "m/V", "gain", nominal=0.0, bounds=(0.0, 1e-6), typical=(1e-8, 1e-7), null=0.0
+        )
+
+        def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+            v = chain.drive.value
+            seen = dragged(x.z, v, chain.drive.heading, 5.0)
+            return Equations(gives=p.q * seen, becomes={"z": play(x.z, v, 4.0)})
+
+    for effect, settled in ((Pushed(), False), (PrandtlIshlinskii(), True), (Relay(), False)):
+        found = library.functions_of(effect, frozenset())
+        assert found is not None
+        assert found.form.settled is settled
+    model = GAIN + Pushed() + Creep() + SecondOrder()
     compared(model, drawn(model, np.random.default_rng(3)), exact=True)
 
 
