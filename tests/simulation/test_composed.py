@@ -367,7 +367,7 @@ class Latch(Effect):
     q = Parameter(
         "m", "what is gained", nominal=0.0, bounds=(0.0, 1.0), typical=(1e-7, 1e-6), null=0.0
     )
-    t = Parameter("V", "threshold", nominal=80.0, bounds=(0.0, 1000.0))
+    t = Parameter("V", "threshold", nominal=60.0, bounds=(0.0, 1000.0))
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         on = where_(chain.drive.value > p.t, 1.0, x.z)
