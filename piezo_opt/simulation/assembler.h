@@ -470,11 +470,16 @@ static int moved_over(po_mover *const m, const int k)
     return 1;
 }
 
-/* The list with calls together, in the room of three numbers for each of its instructions. */
-static void together(const po_trace *const old, po_trace *const made, int *const all)
+/* The list with calls together, if it has several; all: room for three numbers an instruction. */
+static po_trace *together(po_trace *const old, po_trace *const made, int *const all)
 {
     const int n = old->count;
     int *const uses = all;
+    int calls = 0;
+    for (int k = 0; k < n; ++k)
+        calls += old->list[k].op == M_CALL && old->list[k].detail == PO_TANH;
+    if (calls < 2 || old->failed) return old;
+    emptied(made);
     po_mover m = {old, made, all + n, all + 2 * n, {0}, 0, 0};
     counted(old, uses);
     for (int k = 0; k < n; ++k) m.new[k] = NOTHING;
@@ -492,6 +497,7 @@ static void together(const po_trace *const old, po_trace *const made, int *const
                     m.waiting[m.n_waiting++] = m.waiting[i];
         }
     }
+    return made;
 }
 
 /* Leaves out what nobody needs, and joins products with the only sum that they are for. */

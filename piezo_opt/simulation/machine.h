@@ -651,20 +651,18 @@ po_code *po_translate(const po_plan *const p, const int *const MOVES, const int 
         w.kept = at.k;
         for (int which = 0; which < 2 + (several > 1) && good; ++which) {
             emptied(&w.trace);
-            emptied(&regrouped);
             for (int64_t i = 0; i < p->count; ++i) w.number[i] = UNKNOWN;
             for (int64_t i = 0; i < p->count * many; ++i) w.row[i] = UNKNOWN;
             if (which == 0) write_step(&w, &places, -1);
             else if (which == 1) write_reading(&w, &places);
             else write_several(&w, &places, several);
-            if (!w.trace.failed) together(&w.trace, &regrouped, all);
-            else regrouped.failed = 1;
-            begins[which] = coded(&regrouped, &c, at.bytes, TOLD ? TOLD[which] : NULL);
-            if (TOLD) COUNTS[which] = regrouped.count;
-            length += regrouped.count;
+            po_trace *const list = together(&w.trace, &regrouped, all);
+            begins[which] = coded(list, &c, at.bytes, TOLD ? TOLD[which] : NULL);
+            if (TOLD) COUNTS[which] = list->count;
+            length += list->count;
             if (which == 1 && !clocks && !p->channels)
                 several = length < BRIEF ? 4 : length < 2 * BRIEF ? 2 : 1;
-            good = !regrouped.failed && c.size <= c.room;
+            good = !list->failed && c.size <= c.room;
         }
         if (good) {
             const int64_t page = 4096, bytes = (c.size + page - 1) / page * page;
