@@ -130,6 +130,12 @@ class Effect(ABC):
         return self, {}
 
     @property
+    def elsewhere(self) -> tuple[Mapping[str, float], ...]:
+        """Details, by name, from which a fit begins as well: those along which its error has
+        several minima; none by default."""
+        return ()
+
+    @property
     def name(self) -> str:
         """The snake_case name that commands, JSON and tables use."""
         return _snake_case(type(self).__name__)

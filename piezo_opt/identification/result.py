@@ -20,6 +20,7 @@ from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.outcome import Evaluations, Outcome, Trace
 from piezo_opt.identification.problem import Identification, plain
+from piezo_opt.identification.shapes import elsewhere
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
 from piezo_opt.identification.tall import inner
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
@@ -191,14 +192,20 @@ class Fit:
             self.model, record, fixed=shared, start=self.question.start,
             bounds={n: limits for n, limits in self.question.bounds.items() if n == plain(n)},
             values={n: v for n, v in self.values.of_record(0).items() if n in free},
+            free=tuple(n for n in self.question.free if n in free),
         )  # fmt: skip
-        unknown = unknowns(question, Values({**Values.nominal(self.model), **question.given()}))
-        theta = theta_of(unknown, question.given())
+        given = question.given()
+        unknown = unknowns(question, Values({**Values.nominal(self.model), **given}))
+        theta = theta_of(unknown, given)
         objective = self._objective(question, unknown, theta)
         point = None
         if theta.size:
             solver = LevenbergMarquardt(tolerance=1e-7 if refine else _CLOSE)
-            found = solver.minimise(objective, theta)
+            starts = [theta, *(theta_of(unknown, {**given, **o}) for o in elsewhere(question))]
+            found = min(
+                (solver.minimise(objective, start) for start in starts),
+                key=lambda one: objective.cost(objective.residual(one.theta)),
+            )
             theta, point = found.theta, found.point
         if refine:
             objective.refine(theta)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.effects.base import Effect, Parameter, Place
 from piezo_opt.identification.periodic import period
+from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.unknowns import limits
 from piezo_opt.measurement import Measurement
 from piezo_opt.measurement.spectra import density, frequencies
@@ -150,6 +151,25 @@ def detail_start(parameter: Parameter, record: Measurement) -> float:
         }  # fmt: skip
         value = sizes.get(parameter.unit, 0.0)
     return float(np.clip(value, low, high))
+
+
+def elsewhere(question: Identification) -> list[dict[str, float]]:
+    """Where a fit begins as well, because its error has several minima along details that are free.
+
+    What each record has of its own, where it was reached from, begins anew with them.
+    """
+    found = []
+    record = question.campaign.records[0]
+    for name, effect in question.model:
+        own = {
+            f"{name}.{k}": detail_start(p, record)
+            for k, p in effect.parameters.items() if p.detail and p.per_record
+        }  # fmt: skip
+        for details in effect.elsewhere:
+            moved = {f"{name}.{k}": v for k, v in details.items()}
+            if moved.keys() <= {*question.free}:
+                found.append(own | moved)
+    return found
 
 
 def resonances(record: Measurement, residual: FloatArray, *, broad: bool = False) -> list[float]:

@@ -625,7 +625,7 @@ def test_dead_zones_make_the_branches_of_a_loop_differ() -> None:
 
 def test_without_dead_zones_there_are_three_parameters_and_the_symmetric_law() -> None:
     plain = PrandtlIshlinskii(dead_zones=0)
-    assert list(plain.parameters) == ["rho", "decay", "r"]
+    assert [k for k, one in plain.parameters.items() if not one.detail] == ["rho", "decay", "r"]
     assert {"above", "below", "t"} < set(PrandtlIshlinskii().parameters)
     time, drive = wander()
     own = {"rho": 4e-8, "decay": 0.7, "r": 30.0}
@@ -1236,19 +1236,39 @@ def test_backlash_loses_its_width_at_every_turn() -> None:
 def test_free_weights_over_a_broad_density_are_a_sum_of_plays() -> None:
     time, drive = wander()
     model = PiezoGain() + Preisach(free=True)
-    weights = 1e-9 * np.random.default_rng(3).uniform(0.0, 2.0, 10)
+    weights = 1e-9 * np.random.default_rng(3).uniform(0.0, 2.0, 20)
     values = {f"preisach.w{i + 1}": w for i, w in enumerate(weights)}
     largest = float(np.ptp(drive)) / 2.0
     values |= {"preisach.r": largest, "preisach.b": 1e6, "preisach.c": 0.0, "preisach.origin": 7.0}
     reading, _ = respond(model, time, drive, values, 1.0)
     shares = np.arange(1, 21) / 20.0
-    each = np.interp(shares, np.arange(1, 11) / 10.0, weights) / 2.0
     played = np.clip(7.0, drive[0] - largest * shares, drive[0] + largest * shares)
     expected = []
     for at in drive:
         played = np.clip(played, at - largest * shares, at + largest * shares)
-        expected.append(GAIN * at + float(each @ played))
+        expected.append(GAIN * at + float(weights @ played))
     np.testing.assert_allclose(reading, expected, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "law", [PrandtlIshlinskii(), MaxwellSlip(), Preisach(), Preisach(free=True)]
+)
+def test_a_record_that_begins_later_remembers_what_was_before(law: Effect) -> None:
+    """Of a drive that went 8, 47, 21, 35 and on, the part that begins after the 21."""
+    corners, largest = np.array([8.0, 47.0, 21.0, 35.0, 12.0, 60.0]), 25.0
+    time = np.arange(len(corners) * 20 - 19) / 20.0
+    drive = np.interp(time, np.arange(corners.size), corners)
+    model = PiezoGain() + law
+    own = {f"{law.name}.r": largest, f"{law.name}.origin": 8.0}
+    whole, _ = respond(model, time, drive, own, 1.0)
+    begins = 41
+    own |= {
+        f"{law.name}.origin": 21.0,
+        f"{law.name}.swing": (21.0 - 47.0) / largest,
+        f"{law.name}.swing_before": (47.0 - 8.0) / largest,
+    }
+    part, _ = respond(model, time[begins:], drive[begins:], own, 1.0)
+    np.testing.assert_allclose(part, whole[begins:], rtol=0, atol=1e-15)
 
 
 def test_a_density_may_be_broader_for_wider_relays() -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
+from piezo_opt.effects.strain.history import ELSEWHERE, history, remembered
 from piezo_opt.symbolic import dragged, play, stack, sum_
 
 _ELEMENTS = 8
@@ -41,8 +42,8 @@ class MaxwellSlip(Effect):
 
     Every element carries at most h / k, reached when the drive has moved r_i from the last
     turn; all slip at -h and h. Free elements carry h_i at most, each at its own threshold. Exact on
-    every monotone stretch of the drive; at the start of a record z_i is that of a drive that came
-    from zero once.
+    every monotone stretch of the drive. A record begins where a drive leaves z_i that went over two
+    swings to the origin, and then to v; unless freed, from zero at once.
 
     References: Goldfarb & Celanovic (1997), IEEE Control Systems 17(3) (generalised Maxwell
     resistive capacitor of a piezoelectric stack).
@@ -67,6 +68,8 @@ class MaxwellSlip(Effect):
         typical=(0.4, 0.9), unless="free",
     )  # fmt: skip
 
+    vars().update(history())
+
     @property
     def count(self) -> int:
         """Number of elements."""
@@ -83,6 +86,11 @@ class MaxwellSlip(Effect):
             **{f"q{i}": own["spacing"] for i in numbers[1:]},
         }
 
+    @property
+    def elsewhere(self) -> tuple[Mapping[str, float], ...]:
+        """Histories from which a fit begins as well."""
+        return ELSEWHERE
+
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement; each element is dragged by the drive."""
         v, k = chain.drive.value, self.count
@@ -96,5 +104,5 @@ class MaxwellSlip(Effect):
         return Equations(
             gives=-sum_(carried * (v - followed) / radii),
             becomes={"z": play(x.z, v, radii)},
-            starts={"z": play(0.0 * radii, v, radii)},
+            starts={"z": remembered(p, v, radii)},
         )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
+from piezo_opt.effects.strain.history import ELSEWHERE, history, remembered
 from piezo_opt.errors import ModelError
 from piezo_opt.symbolic import dragged, exp, max_, min_, play, stack, sum_
 
@@ -65,6 +67,8 @@ class PrandtlIshlinskii(Effect):
         typical=(1.0, 100.0), when="dead_zones",
     )  # fmt: skip
 
+    vars().update(history())
+
     def __post_init__(self) -> None:
         super().__post_init__()
         count: object = self.dead_zones
@@ -73,6 +77,11 @@ class PrandtlIshlinskii(Effect):
                 f"{self.name}: dead_zones is {count!r}; give a whole number from 0 (the "
                 f"symmetric law) to {_MOST}."
             )
+
+    @property
+    def elsewhere(self) -> tuple[Mapping[str, float], ...]:
+        """Histories from which a fit begins as well."""
+        return ELSEWHERE
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement; each operator is dragged by the drive."""
@@ -84,7 +93,7 @@ class PrandtlIshlinskii(Effect):
         return Equations(
             gives=looped + self._bent(sum_(shares * followed) / sum_(shares), p),
             becomes={"z": play(x.z, v, radii)},
-            starts={"z": play(0.0 * radii, v, radii)},
+            starts={"z": remembered(p, v, radii)},
         )
 
     def _bent(self, played: Any, p: Any) -> Any:

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import exp as exp_
 from math import log
 from typing import Any, final
 
 from piezo_opt.effects.base import Chain, Effect, Equations, Parameter, Place, State
+from piezo_opt.effects.strain.history import ELSEWHERE, history, remembered
 from piezo_opt.symbolic import dragged, exp, play, stack, sum_, tanh
 
-_WEIGHTS = 10
-"""Weights of the form in which they are free: the density over the thresholds is a line between
-each two of them, which a smooth one leaves by at most 1/(8 k^2) of its curvature: an eighth of a
-per cent with ten."""
-_BETWEEN = 2
-"""Plays for each of those weights. Between thresholds that are 1/k of a loop's width apart the loop
-of a smooth density is a chord, at most 1/(8 k^2) of its height off: with twenty, three
-hundredths of a per cent."""
+_WEIGHTS = 20
+"""Plays of the form in which the weight of each is free. Between thresholds that are 1/k of a
+loop's width apart the loop of a smooth density is a chord, at most 1/(8 k^2) of its height off:
+three hundredths of a per cent with twenty, below the noise of a good sensor."""
 
 
 def _weight(index: int) -> str:
@@ -29,23 +26,11 @@ def _weights() -> dict[str, Parameter]:
     """The free weights by name; together they are nominally those of a usual loop."""
     return {
         _weight(index): Parameter(
-            "m/V", f"weight of the plays at {index + 1} tenths of the largest threshold",
-            nominal=3e-8 / _WEIGHTS, bounds=(-1e-3, 1e-3), typical=(0.0, 1e-8), when="free",
+            "m/V", f"weight of the play at {index + 1} twentieths of the largest threshold",
+            nominal=3e-8 / _WEIGHTS, bounds=(0.0, 1e-3), typical=(0.0, 1e-8), when="free",
         )
         for index in range(_WEIGHTS)
     }  # fmt: skip
-
-
-def _between(weights: Sequence[Any]) -> list[Any]:
-    """The weight of each play: on the line between the two free ones, from the first one down
-    constant."""
-    found = []
-    for j in range(1, _WEIGHTS * _BETWEEN + 1):
-        left, along = divmod(max(j - _BETWEEN, 0), _BETWEEN)
-        right = min(left + 1, _WEIGHTS - 1)
-        share = along / _BETWEEN
-        found.append(((1.0 - share) * weights[left] + share * weights[right]) / _BETWEEN)
-    return found
 
 
 @final
@@ -57,8 +42,8 @@ class Preisach(Effect):
         s += sum_i w_i b_i [S_i(z_i) - S_i(0)],   b_i = b exp(widening i / k)
         S_i(z) = tanh(e + flatness e^3),   e = (z - c) / b_i
         w_i = rho / k exp(-decay (i - 1) / k)
-        w1 .. w10 are parameters, two plays each, linear in between   free
-        z_i begins at min(max(origin, v - r_i), v + r_i)
+        w1 .. w20 are parameters   free
+        z_i begins where a drive leaves it that went over two swings to the origin, then to v
 
     A Preisach operator is a superposition, over the half-distance r of a relay's thresholds, of
     functions of the play of radius r. Its density is w(r) sech^2((centre - c) / b) here, with a
@@ -68,7 +53,8 @@ class Preisach(Effect):
     more even and the more sharply bounded. Unlike a grid of relays this is continuous, with
     derivatives by every parameter. piezo_gain's d is the slope just after a turn. With free weights
     the density over r is any; with a broad one over the centre the plays are those of Prandtl and
-    Ishlinskii. The first z_i is that of a drive that came from the origin at once.
+    Ishlinskii. No weight is negative: such relays would give energy. Without swings the drive came from
+    the origin at once.
 
     References: Preisach (1935), Zeitschrift fuer Physik 94, 277-302; Brokate & Sprekels (1996),
     Hysteresis and Phase Transitions, Springer (Preisach operators through plays); Page (1977),
@@ -109,15 +95,12 @@ class Preisach(Effect):
         "1", "log of the breadth at the largest threshold over that at zero", nominal=0.0,
         bounds=(-5.0, 5.0), typical=(-0.5, 0.5), fixed=True, detail=True,
     )  # fmt: skip
-    origin = Parameter(
-        "V", "drive from which the record's beginning was reached", nominal=0.0,
-        bounds=(-1e6, 1e6), typical=(-50.0, 100.0), fixed=True, detail=True, per_record=True,
-    )  # fmt: skip
+    vars().update(history())
 
     @property
     def plays(self) -> int:
         """Number of plays."""
-        return _WEIGHTS * _BETWEEN if self.free else self.operators
+        return _WEIGHTS if self.free else self.operators
 
     def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
         """Free weights, which begin at those of the density."""
@@ -129,12 +112,17 @@ class Preisach(Effect):
         }
         return replace(self, free=True), begin
 
+    @property
+    def elsewhere(self) -> tuple[Mapping[str, float], ...]:
+        """Histories from which a fit begins as well."""
+        return ELSEWHERE
+
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement; each operator is dragged by the drive."""
         v, k = chain.drive.value, self.plays
         radii = stack([p.r * exp(p.spacing * log((i + 1) / k)) for i in range(k)])
         if self.free:
-            weights = stack(_between([getattr(p, _weight(i)) for i in range(_WEIGHTS)]))
+            weights = stack([getattr(p, _weight(i)) for i in range(_WEIGHTS)])
         else:
             weights = stack([p.rho / k * exp(-p.decay * i / k) for i in range(k)])
         followed = dragged(x.z, v, chain.drive.heading, radii)
@@ -143,7 +131,7 @@ class Preisach(Effect):
         return Equations(
             gives=sum_(breadths * weights * bent),
             becomes={"z": play(x.z, v, radii)},
-            starts={"z": play(p.origin + 0.0 * radii, v, radii)},
+            starts={"z": remembered(p, v, radii)},
         )
 
 
