@@ -7,8 +7,8 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from types import TracebackType
-from typing import final
+from types import FrameType, TracebackType
+from typing import Any, final
 
 from piezo_opt.errors import InputError
 
@@ -20,7 +20,9 @@ class TimeLimit:
     Within its ``with`` block the main thread is interrupted once the limit has passed, as by
     Ctrl-C: whoever answers that with the best so far answers this in the same way. In another
     thread, which cannot be interrupted, only :meth:`check` ends the work. A block that is entered
-    after the limit is interrupted at once.
+    after the limit is interrupted at once. An interrupt that somebody on the way answers with an
+    error of his own (CasADi, where it hears it while it reads its arguments) leaves the block as
+    the interrupt that it is.
 
     Raises:
         InputError: the limit is no positive number.
@@ -38,7 +40,8 @@ class TimeLimit:
         self._end = None if seconds is None else time.monotonic() + seconds
         self._lock = threading.Lock()
         self._timer: threading.Timer | None = None
-        self._deaf = False
+        self._before: Any = None
+        self._interrupted = False
 
     @property
     def passed(self) -> bool:
@@ -70,25 +73,42 @@ class TimeLimit:
 
     def __enter__(self) -> TimeLimit:
         self.check()
-        if self._end is not None and threading.current_thread() is threading.main_thread():
+        if threading.current_thread() is not threading.main_thread():
+            return self
+        before = signal.getsignal(signal.SIGINT)
+        # A shell starts what runs in its background deaf to interrupts; a limit it hears.
+        hears = before is not None and (before is not signal.SIG_IGN or self._end is not None)
+        self._before = signal.signal(signal.SIGINT, self._heard) if hears else None
+        if self._end is not None:
             timer = threading.Timer(max(0.0, self._end - time.monotonic()), self._interrupt)
             timer.daemon = True
             self._timer = timer
-            # A shell starts what runs in its background deaf to interrupts.
-            if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-                signal.signal(signal.SIGINT, signal.default_int_handler)
-                self._deaf = True
             timer.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         with self._lock:
             timer, self._timer = self._timer, None
         if timer is not None:
             timer.cancel()
-        if self._deaf:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-            self._deaf = False
+        if self._before is not None:
+            signal.signal(signal.SIGINT, self._before)
+            self._before = None
+        heard, self._interrupted = self._interrupted, False
+        if heard and isinstance(error, Exception):
+            raise KeyboardInterrupt from error
+
+    def _heard(self, number: int, frame: FrameType | None) -> None:
+        self._interrupted = True
+        if callable(self._before) and self._before is not signal.default_int_handler:
+            self._before(number, frame)
+            return
+        raise KeyboardInterrupt
 
     def _interrupt(self) -> None:
         # Under the lock: nobody who has left the block is interrupted any more.

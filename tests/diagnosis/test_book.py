@@ -152,7 +152,7 @@ def test_no_set_with_one_effect_more_is_better_than_it_might_be() -> None:
     for members in book.sets:
         assert blank.bound(members) <= book.bound(members) <= book.price(members) + 1e-6
     plays = replace(book.base, base=STILL.replaced("bouc_wen", Preisach(free=True)))
-    # Twenty weights, three lengths, a slope and an offset, and how the record begins is not counted;
+    # Twenty weights, three lengths, a slope and an offset; how the record begins is not counted;
     # nine numbers of the best one, two of them of how it begins, and an effect chosen of forty.
     more = blank.bound(plays) - book.price(best)
     assert more == pytest.approx(16.0 * np.log(600) - 2.0 * np.log(40), abs=1e-6)

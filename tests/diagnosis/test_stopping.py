@@ -68,6 +68,28 @@ def test_a_process_in_the_background_is_deaf_to_interrupts_and_limited_all_the_s
         signal.signal(signal.SIGINT, before)
 
 
+@pytest.mark.parametrize("limit", [0.05, None])
+def test_an_interrupt_that_a_library_turns_into_an_error_is_one_all_the_same(
+    limit: float | None,
+) -> None:
+    """CasADi says that it was given arguments of a wrong type."""
+
+    def swallowed() -> None:
+        if limit is None:
+            threading.Timer(0.05, signal.pthread_kill, (threading.get_ident(), 2)).start()
+        try:
+            threading.Event().wait(5.0)
+        except KeyboardInterrupt:
+            raise NotImplementedError("wrong type of arguments") from None
+
+    with pytest.raises(KeyboardInterrupt) as caught, TimeLimit(limit):
+        swallowed()
+    assert isinstance(caught.value.__cause__, NotImplementedError)
+    with pytest.raises(ValueError, match="not heard"), TimeLimit(limit):
+        raise ValueError("not heard")
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 def interrupted(frontier: Frontier, *, quiet: bool) -> list[Members]:
     """After the base model's neighbours were fitted, before the best of them is expanded."""
     if frontier.expanded:

@@ -53,8 +53,8 @@ class Preisach(Effect):
     more even and the more sharply bounded. Unlike a grid of relays this is continuous, with
     derivatives by every parameter. piezo_gain's d is the slope just after a turn. With free weights
     the density over r is any; with a broad one over the centre the plays are those of Prandtl and
-    Ishlinskii. No weight is negative: such relays would give energy. Without swings the drive came from
-    the origin at once.
+    Ishlinskii. No weight is negative: such relays would give energy. Without swings the drive came
+    from the origin at once.
 
     References: Preisach (1935), Zeitschrift fuer Physik 94, 277-302; Brokate & Sprekels (1996),
     Hysteresis and Phase Transitions, Springer (Preisach operators through plays); Page (1977),
