@@ -145,7 +145,8 @@ class Book:
         """The least criterion that a set can have, if it leaves no less than the best set does.
 
         Args:
-            members: the set; of one that was not fitted, what it asks for at least is counted.
+            members: the set; of one that was not fitted, what it asks for at least is counted,
+                without the details, which may not pay for themselves.
             more: effects beside it, of one number each at least.
         """
         best, samples = self.best, sum(self.colour.lengths)
@@ -155,7 +156,7 @@ class Book:
             parameters = members.model.parameters
             kept = (k for k, p in parameters.items() if p.fixed or k in self.question.fixed)
             redundant = sum(effect.redundant for _, effect in members.model)
-            least = len(parameters) - sum(1 for _ in kept) + len(members.free) - redundant
+            least = len(parameters) - sum(1 for _ in kept) - redundant
         effects = len(members.effects) + more
         asked = charge(numbers(self[best]), samples, len(best.effects), self._choices)
         least_asked = charge(least + more, samples, effects, self._choices)

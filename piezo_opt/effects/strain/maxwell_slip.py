@@ -37,13 +37,14 @@ class MaxwellSlip(Effect):
     """Elastic elements that slip at growing drives, in the place of bouc_wen.
 
         z_i = min(max(z_i_before, v - r_i), v + r_i),   r_i = r spacing^(i-1),   i = 1..k
+        z_i begins at origin - (swing + swing_before) r, goes to origin - swing r, to origin, to v
         s += -h / k sum_i (v - z_i) / r_i
         r_1 = r,   r_i = q_i r_(i-1),   s += -sum_i h_i (v - z_i) / r_i,   i = 1..8   free
 
     Every element carries at most h / k, reached when the drive has moved r_i from the last
     turn; all slip at -h and h. Free elements carry h_i at most, each at its own threshold. Exact on
-    every monotone stretch of the drive. A record begins where a drive leaves z_i that went over two
-    swings to the origin, and then to v; unless freed, from zero at once.
+    every monotone stretch of the drive. Unless freed, the swings before a record are 0 and its
+    drive came from zero at once.
 
     References: Goldfarb & Celanovic (1997), IEEE Control Systems 17(3) (generalised Maxwell
     resistive capacitor of a piezoelectric stack).

@@ -21,6 +21,7 @@ class PrandtlIshlinskii(Effect):
     """Weighted play operators, made asymmetric by dead zones, in the place of bouc_wen.
 
         z_i = min(max(z_i_before, v - r_i), v + r_i),   r_i = r i / k,   i = 1..k
+        z_i begins at origin - (swing + swing_before) r, goes to origin - swing r, to origin, to v
         s += -sum_i w_i (v - z_i),   w_i = rho / k exp(-decay (i - 1) / k)
         s += sum_j [above max(e - t_j, 0) + below min(e + t_j, 0)] / l
         e = sum_i w_i z_i / sum_i w_i,   t_j = t j / l,   j = 1..l
@@ -32,9 +33,9 @@ class PrandtlIshlinskii(Effect):
     the law is the classical, symmetric one. The play of threshold 0 is piezo_gain's and passes by
     the dead zones.
 
-    Exact on every monotone stretch of the drive; at the start of a record z_i is that of a drive
-    that came from zero once. The loop of a smooth density over the thresholds is met by chords, at
-    most 1/(8 k^2) of its height off: 0.03 % with twenty plays.
+    Exact on every monotone stretch of the drive. Unless freed, the swings before a record are 0 and
+    its drive came from zero at once. The loop of a smooth density over the thresholds is met by
+    chords, at most 1/(8 k^2) of its height off: 0.03 % with twenty plays.
 
     References: Kuhnen (2003), European Journal of Control 9(4), 407-418 (modified law: dead-zone
     operators behind the plays); Brokate & Sprekels (1996), Hysteresis and Phase Transitions,

@@ -43,7 +43,7 @@ class Preisach(Effect):
         S_i(z) = tanh(e + flatness e^3),   e = (z - c) / b_i
         w_i = rho / k exp(-decay (i - 1) / k)
         w1 .. w20 are parameters   free
-        z_i begins where a drive leaves it that went over two swings to the origin, then to v
+        z_i begins at origin - (swing + swing_before) r, goes to origin - swing r, to origin, to v
 
     A Preisach operator is a superposition, over the half-distance r of a relay's thresholds, of
     functions of the play of radius r. Its density is w(r) sech^2((centre - c) / b) here, with a
