@@ -57,7 +57,7 @@ def in_detail(fit: Fit, *, quiet: bool = False) -> list[Richer]:
 
 def _from_elsewhere(fit: Fit) -> list[Richer]:
     """The same where its free details have several minima, from the others as well."""
-    found = []
+    found: list[Richer] = []
     for moved in elsewhere(fit.question):
         kept = {k: v for k, v in fit.values.items() if plain(k) not in moved}
         found.append((fit.question, {**kept, **moved}))
