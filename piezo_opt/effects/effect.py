@@ -31,6 +31,9 @@ class Effect(ABC):
     """Structural effects make up the base model and need no gate."""
     variants: ClassVar[tuple[Mapping[str, Any], ...]] = ({},)
     """Options under which a search tries the effect; none: only where it is offered."""
+    elsewhere: ClassVar[tuple[Mapping[str, float], ...]] = ()
+    """Details, by name, from which a fit begins as well: those along which its error has several
+    minima."""
     rarer: ClassVar[tuple[str, ...]] = ()
     """Options of rarer forms: tried as well, but scores are told of the usual ones."""
     reshaped: ClassVar[tuple[str, ...]] = ()
@@ -128,12 +131,6 @@ class Effect(ABC):
         """
         del own
         return self, {}
-
-    @property
-    def elsewhere(self) -> tuple[Mapping[str, float], ...]:
-        """Details, by name, from which a fit begins as well: those along which its error has
-        several minima; none by default."""
-        return ()
 
     @property
     def name(self) -> str:

@@ -201,11 +201,11 @@ class Fit:
         point = None
         if theta.size:
             solver = LevenbergMarquardt(tolerance=1e-7 if refine else _CLOSE)
-            starts = [theta, *(theta_of(unknown, {**given, **o}) for o in elsewhere(question))]
-            found = min(
-                (solver.minimise(objective, start) for start in starts),
-                key=lambda one: objective.cost(objective.residual(one.theta)),
-            )
+            found = solver.minimise(objective, theta)
+            for begun in elsewhere(question):
+                other = solver.minimise(objective, theta_of(unknown, {**given, **begun}))
+                costs = (objective.cost(objective.residual(one.theta)) for one in (found, other))
+                found = found if next(costs) <= next(costs) else other
             theta, point = found.theta, found.point
         if refine:
             objective.refine(theta)

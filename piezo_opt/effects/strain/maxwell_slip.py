@@ -54,6 +54,7 @@ class MaxwellSlip(Effect):
     free: bool = False
     place = Place.STRAIN
     structural = True
+    elsewhere = ELSEWHERE
     z = State("V", "drive at which each element is relaxed", size="count")
     h = Parameter(
         "m", "displacement when all elements slip", nominal=1e-6, bounds=(-1.0, 1.0),
@@ -86,11 +87,6 @@ class MaxwellSlip(Effect):
             **carried,
             **{f"q{i}": own["spacing"] for i in numbers[1:]},
         }
-
-    @property
-    def elsewhere(self) -> tuple[Mapping[str, float], ...]:
-        """Histories from which a fit begins as well."""
-        return ELSEWHERE
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement; each element is dragged by the drive."""

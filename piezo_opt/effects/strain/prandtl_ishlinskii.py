@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -46,6 +45,7 @@ class PrandtlIshlinskii(Effect):
     dead_zones: int = 2
     place = Place.STRAIN
     structural = True
+    elsewhere = ELSEWHERE
     z = State("V", "play of each operator", size="operators")
     rho = Parameter(
         "m/V", "strength of the loop", nominal=3e-8, bounds=(0.0, 1e-3), typical=(5e-9, 1e-7)
@@ -78,11 +78,6 @@ class PrandtlIshlinskii(Effect):
                 f"{self.name}: dead_zones is {count!r}; give a whole number from 0 (the "
                 f"symmetric law) to {_MOST}."
             )
-
-    @property
-    def elsewhere(self) -> tuple[Mapping[str, float], ...]:
-        """Histories from which a fit begins as well."""
-        return ELSEWHERE
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement; each operator is dragged by the drive."""

@@ -65,6 +65,7 @@ class Preisach(Effect):
     free: bool = False
     place = Place.STRAIN
     structural = True
+    elsewhere = ELSEWHERE
     z = State("V", "play of each operator", size="plays")
     rho = Parameter(
         "m/V", "strength of the loop", nominal=3e-8, bounds=(0.0, 1e-3), typical=(5e-9, 1e-7),
@@ -111,11 +112,6 @@ class Preisach(Effect):
             for i in range(_WEIGHTS)
         }
         return replace(self, free=True), begin
-
-    @property
-    def elsewhere(self) -> tuple[Mapping[str, float], ...]:
-        """Histories from which a fit begins as well."""
-        return ELSEWHERE
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """Contribution to the free displacement; each operator is dragged by the drive."""
