@@ -33,8 +33,8 @@ _FIRST, _ROUNDS = 5, 4
 _KEPT = 4
 """Of so many rivals one goes on after a round."""
 _DEAREST = 8
-"""Sub-steps of a set over those of the foot, or over what is enough to compare models, beyond which
-it is not fitted: it would take longer than all the others together."""
+"""Sub-steps of a set over those of the foot beyond which it is not fitted, where they are more than
+is enough to compare models: it would take longer than all the others together."""
 _LEAST = 2
 """Rivals that are followed to the end at least."""
 _FALLING = 0.95
@@ -85,7 +85,7 @@ class Book:
         self.left = self.colour
         """Of what the closest fit leaves, noise or not."""
         taken = max(accuracy.per_sample for accuracy in foot.accuracy)
-        self._most = _DEAREST * max(taken, ENOUGH_A_SAMPLE)
+        self._most = max(_DEAREST * taken, ENOUGH_A_SAMPLE)
         self._concluding = False
         self.refits = 0
         self.brief = False

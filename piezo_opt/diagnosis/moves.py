@@ -36,7 +36,7 @@ _SHARES = (0.15, 0.3, 0.5, 0.7)
 def adds(
     at: Members, suspects: Sequence[Suspect], most: int, book: Book, *, fresh: bool = True
 ) -> list[Start]:
-    """The likeliest effects, one at a time, each also with the details of its shape free.
+    """The likeliest effects, one at a time, each also in its finer form with its details free.
 
     What an effect does may show in its details alone: a limit that differs up and down is no limit
     that is the same. A fresh start has those of the law free as well, because what is missing has
@@ -47,7 +47,7 @@ def adds(
         start = _joined(at, (suspect,), book)
         if start is None:
             continue
-        full = _in_full(start, suspect.name, book)
+        full = _in_full(_finer(start, suspect.name), suspect.name, book)
         found += [start, full]
         if fresh and suspect.name not in asked:
             law = full.members.law
@@ -249,6 +249,14 @@ def _joined(at: Members, suspects: Sequence[Suspect], book: Book) -> Start | Non
         members = members.with_(suspect.effect)
         values |= _begun(suspect)
     return Start(members, values) if _allowed(members) else None
+
+
+def _finer(start: Start, name: str) -> Start:
+    """A start with an effect in its finer form: a lag of two poles may help where one does not."""
+    values = start.values or {}
+    finer, begun = start.members.model[name].finer(own(values, name))
+    members = start.members.with_(finer)
+    return Start(members, {**values, **{f"{name}.{k}": v for k, v in begun.items()}})
 
 
 def _in_full(start: Start, name: str, book: Book) -> Start:

@@ -159,7 +159,13 @@ class _Run:
                 near[at] = self.look(at)
                 likeliest = self.effort.near if len(row) == 1 else self.effort.beam
                 starts += _grown(book, at, near[at], likeliest, done=done)
-                starts += _exchanged(book, at, self.offered, self.effort, self.threads)
+                exchanged = _exchanged(book, at, self.offered, self.effort, self.threads)
+                if done:
+                    # Rivals of an answer: each to its end, because the first steps order nothing
+                    # among those that all come to the noise.
+                    book.race(exchanged, everyone=True, beyond=book[book.best].rms)
+                else:
+                    starts += exchanged
         book.race(starts)
         others = [at for at in near if not at.effects and at.law != book.base.law]
         book.race(crossed(others, self.effort.beam, book))

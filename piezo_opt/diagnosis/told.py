@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 from piezo_opt.diagnosis.book import Book, Start
@@ -131,6 +132,7 @@ def told(book: Book, suspects: Sequence[Suspect], least: float, judge: Judge) ->
         judge: where fits are judged.
     """
     book.conclude()
+    _lean_rivals(book)
     worthy, slight = _worthy(book, _at_home(book), least)
     while (plainer := _plainer(book, worthy)) is not None:
         worthy, slight = _worthy(book, plainer, least)
@@ -140,6 +142,30 @@ def told(book: Book, suspects: Sequence[Suspect], least: float, judge: Judge) ->
     return Told(
         best, book.settled(best), steps, _refined(book, best), _rivals(book, best, judge), slight
     )
+
+
+def _lean_rivals(book: Book) -> None:
+    """Each rival of the best set without details too: one that was fitted with more of them than
+    pay for themselves looks dearer than it is."""
+    for members in book.leading:
+        bare = replace(members, free=())
+        worst = _even(book, members, bare)
+        if bare not in book and book.price(members) - _saved(book, members, bare) < (
+            book.price(book.best) + RESOLUTION
+        ):
+            book.race([Start(bare, dict(book[members].values))], beyond=worst)
+
+
+def _saved(book: Book, more: Members, less: Members) -> float:
+    """What the criterion asks for the details of a set that another one lacks."""
+    return (len(more.free) - len(less.free)) * math.log(sum(book.colour.lengths))
+
+
+def _even(book: Book, more: Members, less: Members) -> float:
+    """Error [m] of the set with less beyond which its details are missed: N ln(e'e) rises by more
+    than they ask for."""
+    lost = _saved(book, more, less) / sum(book.colour.lengths)
+    return book[more].rms * math.exp(0.5 * lost)
 
 
 def _at_home(book: Book) -> Members:
@@ -187,13 +213,15 @@ def _worthy(
 def _likeliest(book: Book, best: Members, suspects: Sequence[Suspect]) -> Members:
     """Of sets that differ in one effect and that the criterion cannot tell apart, the likeliest.
 
-    The likeliest is the one whose effect scored highest at the foot, before any refit.
+    Least likely is one that needs an effect at a bound of what it can be: that imitates another.
+    Else the likeliest is the one whose effect scored highest at the foot, before any refit.
     """
     at_foot = {s.name: s.score for s in reversed(suspects) if not s.wrong_side}
     even = [m for m in book.leading if book.price(m) - book.price(best) < RESOLUTION]
 
-    def ahead(members: Members) -> float:
-        return sum(at_foot.get(n, 0.0) for n in members.names)
+    def ahead(members: Members) -> tuple[int, float]:
+        bound = sum(k.split(".")[0] in members.names for k in book[members].at_bound)
+        return -bound, sum(at_foot.get(n, 0.0) for n in members.names)
 
     alike = [
         m for m in even
@@ -220,10 +248,11 @@ def _lean(book: Book, best: Members) -> Members:
     A spring on which forces had been asked adds no number: without it the criterion is the same, as
     far as refits are.
     """
-    for name in best.free:
-        less = Members(best.base, best.effects, tuple(k for k in best.free if k != name))
+    for free in ((), *(tuple(k for k in best.free if k != name) for name in best.free)):
+        less = replace(best, free=free)
         if less not in book:
-            book.race([Start(less, dict(book[best].values))])
+            start = Start(less, dict(book[best].values))
+            book.race([start], beyond=_even(book, best, less))
         if less in book and book.price(less) < book.price(best):
             return less
     same = CLOSE * book[best].residuals.size
