@@ -1,12 +1,14 @@
 """The book of a search: every candidate set with the best fit that was found of it.
 
 It holds the only pool of threads. Rivals are fitted in rounds: five iterations each, then the
-best quarter goes on for twice as many, until all that are left have converged (successive
-halving; Jamieson & Talwalkar 2016, AISTATS 51, 240-248).
+quarter of which a full Gauss-Newton step promises most goes on for twice as many, until all that
+are left have converged (successive halving; Jamieson & Talwalkar 2016, AISTATS 51, 240-248). Who
+does not promise to come near the best one is left where he is.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -37,6 +39,9 @@ _DEAREST = 8
 is enough to compare models: it would take longer than all the others together."""
 _LEAST = 2
 """Rivals that are followed to the end at least."""
+_DOUBT = 2.0
+"""Error that a full step promises over the one that is reached in the end: hardly ever more than
+this, where a fit has gone five iterations."""
 _FALLING = 0.95
 """Error over that before as many iterations again, above which a fit hardly falls any more: the
 twentieth part of its error is what it would have to lose in each of them."""
@@ -126,6 +131,10 @@ class Book:
         """The set of the least criterion."""
         return min(tuple(self._fits), key=self.price)
 
+    def best_with(self, names: Sequence[str]) -> Members:
+        """The best set with just these effects, whatever its base."""
+        return next(members for members in self.sets if members.names == tuple(names))
+
     @property
     def level(self) -> tuple[Members, ...]:
         """The best sets, as far as the criterion can resolve them."""
@@ -188,7 +197,12 @@ class Book:
                 self._fits[members] = fit
 
     def race(
-        self, starts: Sequence[Start], *, everyone: bool = False, beyond: float = float("inf")
+        self,
+        starts: Sequence[Start],
+        *,
+        everyone: bool = False,
+        late: bool = False,
+        beyond: float = math.inf,
     ) -> None:
         """Fit sets from their starts in rounds; who is behind is left where he is.
 
@@ -197,7 +211,8 @@ class Book:
 
         Args:
             starts: sets and where they begin.
-            everyone: whether all sets go on after a round, and not only the best quarter.
+            everyone: whether all sets may go on after a round, and not only the best quarter.
+            late: whether they come to their own later than their steps promise.
             beyond: error [m] that decides: a fit that is above it and hardly falls is given up.
         """
         fresh = [start for start in starts if self._new(start)]
@@ -213,15 +228,20 @@ class Book:
                 for start, fit in running:
                     own = ahead.setdefault(start.members, {})
                     is_fresh = start.values is None
-                    if is_fresh not in own or fit.rms < own[is_fresh][1].rms:
+                    if is_fresh not in own or _promise(fit) < _promise(own[is_fresh][1]):
                         own[is_fresh] = start, fit
                 sets = sorted(
                     ahead,
-                    key=lambda m: min(self._criterion(m, fit) for _, fit in ahead[m].values()),
+                    key=lambda m: min(self._promised(m, fit) for _, fit in ahead[m].values()),
                 )
                 sets = sets if everyone else sets[: max(_LEAST, -(-len(sets) // _KEPT))]
                 ranked = [pair for members in sets for pair in ahead[members].values()]
-                open_ = [(s, f) for s, f in ranked if not f.outcome.success]
+                ahead_of_all = min((fit.rms for _, fit in ranked), default=math.inf)
+                worst = math.inf if late else _DOUBT * min(ahead_of_all, beyond)
+                open_ = [
+                    (start, fit) for start, fit in ranked
+                    if not fit.outcome.success and _promise(fit) <= worst
+                ]  # fmt: skip
                 if not open_:
                     break
                 iterations *= 2
@@ -315,8 +335,21 @@ class Book:
         self.keep(members, fit)
         return fit
 
+    def _promised(self, members: Members, fit: Fit) -> float:
+        """The criterion of a fit after one full step."""
+        now, promised = self._criterion(members, fit), _promise(fit)
+        if now == math.inf or promised == fit.rms:
+            return now
+        return now + 2.0 * sum(self.colour.lengths) * math.log(promised / fit.rms)
+
     def _criterion(self, members: Members, fit: Fit) -> float:
         return criterion(fit, self.colour, len(members.effects), self._choices)
+
+
+def _promise(fit: Fit) -> float:
+    """Error [m] after one full step: what a fit that was stopped is on its way to."""
+    promised = fit.outcome.promised
+    return fit.rms if promised is None else promised
 
 
 def _own(values: Mapping[str, float], question: Identification) -> Mapping[str, float]:

@@ -15,6 +15,7 @@ from piezo_opt.diagnosis.book import Book
 from piezo_opt.diagnosis.evidence import RESOLUTION, numbers, worth
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.moves import less
+from piezo_opt.effects.base import Effect
 from piezo_opt.identification import Fit
 
 
@@ -67,11 +68,16 @@ class Frontier:
         self._spare: set[Hypothesis] = set()
         self._turns = 0
 
+    @property
+    def answer(self) -> Members:
+        """The best set, without effects that are not missed."""
+        return self._lightest(self._book.best)
+
     def next(self, *, quiet: bool) -> list[Members]:
         """The sets that are expanded together next; none where nothing is left to be.
 
         Args:
-            quiet: whether the best set leaves only noise.
+            quiet: whether the answer so far leaves only noise.
         """
         while len(self.expanded) < self._effort.expansions:
             row = self._in_turn(quiet)
@@ -90,7 +96,7 @@ class Frontier:
             and (quiet or len(m.effects) < max(beam, 2))
         ]  # fmt: skip
         if quiet:
-            answer = self._lightest(book.best)
+            answer = self.answer
             over = any(m.hypothesis in self.expanded and not self._ahead(m) for m in book.level)
             best = [answer] if self._ahead(answer) and not over else []
             promising = plainer(book, promising, answer)
@@ -107,7 +113,8 @@ class Frontier:
         return then is None or worth(then, self._book[members], self._book.colour) >= self._least
 
     def _lightest(self, at: Members) -> Members:
-        """A set without the effects that are not missed, the weakest one less each time."""
+        """A set without the effects that are not missed, the weakest one less each time; with the
+        law beside which the others say most."""
         book = self._book
         while True:
             fit = book.settled(at)
@@ -121,7 +128,7 @@ class Frontier:
             if not able:
                 return at
             self._spare.add(at.hypothesis)
-            at = min(able, key=book.price)
+            at = book.best_with(min(able, key=book.price).names)
 
 
 def fewest(
@@ -140,10 +147,11 @@ def fewest(
         expanded: what was.
         asks: for how many numbers a set asks.
     """
-    rows: dict[int, dict[tuple[str | None, tuple[str, ...]], list[Members]]] = {}
+    rows: dict[int, dict[tuple[Effect | None, tuple[str, ...]], list[Members]]] = {}
     for members in promising:
         row = rows.setdefault(len(members.effects), {})
-        row.setdefault((members.law, members.names), []).append(members)
+        _, law, names = members.hypothesis
+        row.setdefault((law, names), []).append(members)
     for depth, row in sorted(rows.items()):
         best = [*row.values()][: beam if depth else None]
         new = [alike[0] for alike in best if not any(m.hypothesis in expanded for m in alike)]

@@ -16,8 +16,9 @@ from piezo_opt.identification import Identification, ringing
 _ORDER = {name: place for place, name in enumerate(CATALOGUE)}
 
 
-Hypothesis = tuple[tuple[str, ...], tuple[str, ...]]
-"""What a set says is there, in whatever form: names of its base and of its effects."""
+Hypothesis = tuple[tuple[str, ...], Effect | None, tuple[str, ...]]
+"""What a set says is there: names of its base and of its effects, in whatever form, and its law, of
+which a form with free weights can do what others cannot."""
 
 
 @final
@@ -48,7 +49,7 @@ class Members:
     @property
     def hypothesis(self) -> Hypothesis:
         """What it says is there."""
-        return self.base.names, self.names
+        return self.base.names, self.base[self.law] if self.law else None, self.names
 
     @property
     def law(self) -> str | None:

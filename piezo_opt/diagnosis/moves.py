@@ -8,9 +8,9 @@ and at a fresh start, because a fit that lacks something is bent by it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.effects.model import Model
 from piezo_opt.errors import ModelError
 from piezo_opt.identification import Fit, Identification
-from piezo_opt.identification.shapes import own
+from piezo_opt.identification.shapes import elsewhere, own
 
 FloatArray = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def details(fit: Fit, book: Book, *, quiet: bool = False) -> list[Start]:
         for members in joined
         if members.model.quasi_static != fit.model.quasi_static
     ]
-    return [*begun, *fresh]
+    return [*begun, *fresh, *([] if quiet else anew(fit, book))]
 
 
 def still(at: Members, fit: Fit, foot: Identification) -> list[Start]:
@@ -132,7 +132,8 @@ def still(at: Members, fit: Fit, foot: Identification) -> list[Start]:
 
 def laws(at: Members, fit: Fit, withheld: Sequence[str], book: Book) -> list[Start]:
     """Other hysteresis laws in the place of the base model's own: from where each ended in the best
-    set that it was fitted in, or else from several widths, and from what both have by one name.
+    set that it was fitted in, or else from several widths, and from what both have by one name,
+    with each of the histories from which its plays may begin.
 
     Each begins with its details free: where a loop that remembers its turns was reached from is one
     of them, and without it no density fits. Those that do not pay for themselves go at the end.
@@ -159,10 +160,36 @@ def laws(at: Members, fit: Fit, withheld: Sequence[str], book: Book) -> list[Sta
         shared = {
             f"{law.name}.{k}": v for k, v in own(fit.values, own_law).items() if k in law.parameters
         }
-        for begun in (*_laws_starts(law, record.drive), shared):
-            found.append(Start(members, {**kept, **details, **begun}))
+        widths = (*_laws_starts(law, record.drive), shared)
+        found += [Start(members, {**kept, **begun}) for begun in _anew(members, widths, book)]
         found.append(Start(members, None))
     return found
+
+
+def anew(fit: Fit, book: Book) -> list[Start]:
+    """The set with its law begun again, from the widths and histories of :func:`laws`: what was
+    missing when it was fitted first has led it to another minimum."""
+    at = Members.of(fit.question, book.question)
+    if at.law is None:
+        return []
+    record = max(fit.records, key=lambda r: float(np.ptp(r.drive)))
+    details = freed(at.law, at.base[at.law], record)
+    members = replace(at, free=tuple(sorted({*at.free, *details})))
+    own_law = (f"{at.law}.", "initial.")
+    kept = {k: v for k, v in fit.values.items() if not k.startswith(own_law)}
+    widths = _laws_starts(at.base[at.law], record.drive)
+    return [Start(members, {**kept, **begun}) for begun in _anew(members, widths, book)]
+
+
+def _anew(
+    members: Members, widths: Iterable[Mapping[str, float]], book: Book
+) -> Iterator[dict[str, float]]:
+    """Values of a set's law at some widths, with each of the histories from which its plays may
+    begin."""
+    law = members.law or ""
+    details = freed(law, members.base[law], book.question.campaign.records[0])
+    for begun, moved in product(widths, ({}, *elsewhere(members.question(book.question)))):
+        yield {**details, **moved, **begun}
 
 
 def hysteresis_laws(withheld: Sequence[str]) -> list[Effect]:

@@ -20,8 +20,7 @@ from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.motion.spring import Spring
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification, ringing
-from piezo_opt.identification.problem import plain
-from piezo_opt.identification.shapes import detail_start, elsewhere, own, resonances
+from piezo_opt.identification.shapes import detail_start, own, resonances
 from piezo_opt.identification.starting import resonance_start
 from piezo_opt.measurement import Measurement
 
@@ -52,16 +51,7 @@ def in_detail(fit: Fit, *, quiet: bool = False) -> list[Richer]:
     for name, effect in fit.model:
         if not effect.structural:
             found += _in_other_forms(fit, name)
-    return found if quiet else [*found, *_from_elsewhere(fit), *with_mechanics(fit)]
-
-
-def _from_elsewhere(fit: Fit) -> list[Richer]:
-    """The same where its free details have several minima, from the others as well."""
-    found: list[Richer] = []
-    for moved in elsewhere(fit.question):
-        kept = {k: v for k, v in fit.values.items() if plain(k) not in moved}
-        found.append((fit.question, {**kept, **moved}))
-    return found
+    return found if quiet else [*found, *with_mechanics(fit)]
 
 
 def _resonating(fit: Fit, name: str, more: Richer) -> list[Richer]:

@@ -6,7 +6,7 @@
         score every absent effect by one Gauss-Newton step on all data
         fit the neighbours: the likeliest more, one less, one in the place of another; beside each
         law what helps beside the others
-        where one more is not enough, score and fit pairs of them
+        where none of them is better, score and fit pairs of effects
     until no neighbour betters the best sets; or the best one leaves only noise and was expanded,
     and no other law might say the same with less
 
@@ -132,8 +132,11 @@ class _Run:
 
     @property
     def quiet(self) -> bool:
-        """Whether the best set leaves only noise."""
-        return is_noise(self.book.settled(self.book.best), self.least)
+        """Whether the best set leaves only noise, without the effects that are not missed too."""
+        settled, answer = self.book.settled, self.frontier.answer
+        return is_noise(settled(self.book.best), self.least) and is_noise(
+            settled(answer), self.least
+        )
 
     def look(self, at: Members) -> tuple[Suspect, ...]:
         """Scores of all absent effects at a set."""
@@ -161,9 +164,8 @@ class _Run:
                 starts += _grown(book, at, near[at], likeliest, done=done)
                 exchanged = _exchanged(book, at, self.offered, self.effort, self.threads)
                 if done:
-                    # Rivals of an answer: each to its end, because the first steps order nothing
-                    # among those that all come to the noise.
-                    book.race(exchanged, everyone=True, beyond=book[book.best].rms)
+                    # Rivals of an answer race apart: beside sets that hold it they all look bad.
+                    book.race(exchanged, late=True, beyond=book[book.best].rms)
                 else:
                     starts += exchanged
         book.race(starts)
@@ -172,10 +174,10 @@ class _Run:
         _in_depth(book, self.least)
         for at in near:
             self._exchange_law(at)
-        # Two at a time only where one is not enough: they would crowd out single effects.
-        if not self.quiet:
-            at = min(near, key=book.price)
-            book.race(pairs(at, near[at], self.effort.near, book))
+        # Two at a time only where none alone is better than what is there already.
+        best = next((at for at in near if at.hypothesis == book.best.hypothesis), None)
+        if best is not None and not self.quiet:
+            book.race(pairs(best, near[best], self.effort.near, book))
 
     def _exchange_law(self, at: Members) -> None:
         """Fit a set of the base model's own law with others, where it is not enough.
@@ -190,6 +192,7 @@ class _Run:
             book.race(
                 _lawful(at, then, self.withheld, book, done=done, quiet=quiet),
                 everyone=not (quiet or at.effects),
+                late=True,
                 beyond=book[book.best].rms if quiet else float("inf"),
             )
 

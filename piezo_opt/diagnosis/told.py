@@ -202,7 +202,7 @@ def _worthy(
             if book.price(less) - book.price(best) > RESOLUTION:
                 (name,) = {*best.names} - {*less.names}
                 slight.append((name, explains))
-            best = less
+            best = book.best_with(less.names)
             continue
         lean = _lean(book, best)
         if lean == best:
@@ -237,7 +237,8 @@ def _fewer(book: Book, best: Members) -> list[Members]:
         less = best.without(name)
         if less not in book:
             book.race([Start(less, dict(book[best].values)), Start(less, None)])
-        rest = (m for m in book.leading if m.hypothesis == less.hypothesis)
+        alike = (less.base.names, less.names)
+        rest = (m for m in book.leading if (m.base.names, m.names) == alike)
         found.append(next(rest, less))
     return found
 

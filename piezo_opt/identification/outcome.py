@@ -33,11 +33,14 @@ class Outcome:
         ending: the word.
         sentence: the sentence.
         far: error over the noise in its highest frequencies, where that is more than ten; else 0.
+        promised: of one that was stopped, the error [m] after a full Gauss-Newton step, were the
+            reading linear in the unknowns; None where nobody asked.
     """
 
     ending: Ending
     sentence: str
     far: float = 0.0
+    promised: float | None = None
 
     @property
     def success(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -308,7 +309,11 @@ def _outcome(solution: Solution, fit: Fit) -> Outcome:
         )
     else:
         sentence = solution.sentence
-    return Outcome(solution.ending, sentence, times)
+    promised = None
+    if solution.promised is not None:
+        promised = fit.rms * math.sqrt(solution.promised)
+        sentence += f" Its slopes promise {show(promised, 'm')}, in place of {show(fit.rms, 'm')}."
+    return Outcome(solution.ending, sentence, times, promised)
 
 
 def _remarks(question: Identification, fit: Fit) -> tuple[str, ...]:

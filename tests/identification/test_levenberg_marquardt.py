@@ -22,6 +22,7 @@ from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarqua
 from piezo_opt.identification.transcription import SingleShooting
 from piezo_opt.identification.unknowns import Unknown, Unknowns, theta_of
 from piezo_opt.measurement import FloatArray
+from piezo_opt.units import show
 from tests.identification.truth import LINE, MOVING, STILL, TRUTH, loops, objective_of, record
 
 TIME, DRIVE = loops(200)
@@ -170,6 +171,18 @@ def test_the_limit_of_iterations_says_how_to_go_on() -> None:
     assert "start=fit" in sentence
     assert valley.monitor.trace.rms.size == 4
     np.testing.assert_array_equal(theta, valley.monitor.best)
+
+
+def test_on_a_linear_problem_what_a_stopped_search_promises_is_kept() -> None:
+    measured = record(STILL, TRUTH, TIME, DRIVE, noise=1e-9)
+    question = po.Identification(LINE, measured)
+    wrong = {D: 3e-7, Y0: 0.0}
+    stopped = po.solve(question, start=wrong, solver=LevenbergMarquardt(iterations=0))
+    best = po.solve(question, start=wrong)
+    assert stopped.rms > 2.0 * best.rms
+    assert stopped.outcome.promised == pytest.approx(best.rms, rel=1e-6)
+    assert best.outcome.promised is None
+    assert f"promise {show(best.rms, 'm')}" in stopped.outcome.sentence
 
 
 def test_a_search_that_has_slowed_down_too_far_off_is_given_up() -> None:

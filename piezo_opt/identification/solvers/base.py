@@ -27,6 +27,9 @@ class Solution:
     """Sub-steps of each record that were enough at the end; empty where nobody looked."""
     point: Linearised | None = None
     """Residual and Jacobian at ``theta`` on those sub-steps, where they are known."""
+    promised: float | None = None
+    """Share of the cost that a full Gauss-Newton step would leave, were the reading linear; None where
+    nobody asked."""
 
 
 class ResidualSolver(Protocol):

@@ -28,6 +28,11 @@ _NEAREST, _FARTHEST = float(np.expm1(-_FAR)), float(np.expm1(_FAR))
 _GROWTH = 4.0
 """Factor by which the damping grows at a refused step, three times as much at each further one:
 a step refused lightly damped is refused by orders of magnitude."""
+_FULL = 1e-12
+"""Damping of a full step, which only keeps it from directions that rounding has made."""
+_MOST = 1e-4
+"""Least share of the cost that a step may promise to leave: a hundredth of the error. Where it says
+less, the reading is anything but linear."""
 _LIGHT = 1e-3
 """Damping up to which a step's predicted gain is what there is to be gained."""
 _OPENING, _STALL = 5, 0.36
@@ -103,7 +108,7 @@ class LevenbergMarquardt:
         floor = 1e-30 * max(cost, 1e-300)
         norms = np.zeros(theta.size)
         history = [cost]
-        for _ in range(self.iterations):
+        for taken in range(self.iterations + 1):
             weighted = objective.robust(point)
             straight = usual | (theta < _SMALL * unknowns.scale)
             scale = np.where(straight, unknowns.scale, theta)
@@ -123,6 +128,8 @@ class LevenbergMarquardt:
             if moving.size == 0 or cost <= floor or steepest <= 1e-10 * np.sqrt(cost):
                 return Solution(theta, Ending.CONVERGED, "the gradient vanished", point=point)
             reach = _reach(theta, straight, scale, ends, unknowns.scale)
+            if taken == self.iterations:
+                break
             while True:
                 step = _step(normal, gradient, size, damping, moving, reach)
                 along = np.where(straight, step, np.expm1(np.where(straight, 0.0, step)))
@@ -168,11 +175,13 @@ class LevenbergMarquardt:
                     point=ahead,
                 )  # fmt: skip
             point = ahead
+        step = _step(normal, gradient, size, _FULL, moving, reach)
+        share = 1.0 + float(gradient @ step + 0.5 * step @ normal @ step) / cost
         return Solution(
             theta, Ending.LIMIT,
             f"Stopped after {self.iterations} iterations while the cost was still falling; go on "
             "with solve(question, start=fit), or raise iterations.",
-            point=point,
+            point=point, promised=max(share, _MOST),
         )  # fmt: skip
 
 
