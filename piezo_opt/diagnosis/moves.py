@@ -167,17 +167,19 @@ def laws(at: Members, fit: Fit, withheld: Sequence[str], book: Book) -> list[Sta
 
 
 def anew(fit: Fit, book: Book) -> list[Start]:
-    """The set with its law begun again, from the widths and histories of :func:`laws`: what was
-    missing when it was fitted first has led it to another minimum."""
+    """The set with its law begun again, from several widths and from where it stands, with each of
+    the histories from which its plays may begin: what was missing when it was fitted first may have
+    led it to another minimum."""
     at = Members.of(fit.question, book.question)
     if at.law is None:
         return []
     record = max(fit.records, key=lambda r: float(np.ptp(r.drive)))
     details = freed(at.law, at.base[at.law], record)
-    members = replace(at, free=tuple(sorted({*at.free, *details})))
-    own_law = (f"{at.law}.", "initial.")
-    kept = {k: v for k, v in fit.values.items() if not k.startswith(own_law)}
-    widths = _laws_starts(at.base[at.law], record.drive)
+    asked = {*details} - {*book.question.free, *book.question.fixed}
+    members = replace(at, free=tuple(sorted({*at.free, *asked})))
+    kept = {k: v for k, v in fit.values.items() if not k.startswith((f"{at.law}.", "initial."))}
+    stands = {f"{at.law}.{k}": v for k, v in own(fit.values, at.law).items()}
+    widths = (*_laws_starts(at.base[at.law], record.drive), stands)
     return [Start(members, {**kept, **begun}) for begun in _anew(members, widths, book)]
 
 
@@ -189,7 +191,7 @@ def _anew(
     law = members.law or ""
     details = freed(law, members.base[law], book.question.campaign.records[0])
     for begun, moved in product(widths, ({}, *elsewhere(members.question(book.question)))):
-        yield {**details, **moved, **begun}
+        yield {**details, **begun, **moved}
 
 
 def hysteresis_laws(withheld: Sequence[str]) -> list[Effect]:

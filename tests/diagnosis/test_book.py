@@ -10,7 +10,7 @@ from scipy import signal
 
 import piezo_opt as po
 from piezo_opt.diagnosis.book import Book, Start
-from piezo_opt.diagnosis.moves import crossed, details, laws, still
+from piezo_opt.diagnosis.moves import anew, crossed, details, laws, still
 from piezo_opt.diagnosis.search import _lawful
 from piezo_opt.effects import (
     AmplifierLag,
@@ -20,6 +20,9 @@ from piezo_opt.effects import (
     Effect,
     MaxwellSlip,
     NonlinearGain,
+    Offset,
+    PiezoGain,
+    PrandtlIshlinskii,
     Preisach,
     Saturation,
 )  # fmt: skip
@@ -43,6 +46,39 @@ def test_what_is_far_behind_and_hardly_falls_is_given_up() -> None:
         assert book[begun.members].rms > 10.0 * fit.rms
         assert book.best == book.base
     assert refits[fit.rms] < refits[float("inf")]
+
+
+def test_who_does_not_promise_to_come_near_the_best_is_left_after_five_iterations() -> None:
+    book = opened(CREEPING)
+    near = book.base.with_(Creep(1))
+    far = replace(book.base, base=STILL.replaced("bouc_wen", Preisach(free=True)))
+    book.race([Start(near, None), Start(far, None)])
+    promised = book[far].outcome.promised
+    assert promised is not None
+    assert promised > 2.0 * book[near].rms
+    assert book[far].trace.rms.size == 6
+    assert book[near].outcome.success
+
+
+def test_a_law_that_was_led_astray_is_begun_again() -> None:
+    """A sum of plays that was fitted with a width far too small, beside an effect."""
+    time = clock(1200, 100.0)
+    drive = rich(time)
+    law = {"rho": 6e-8, "decay": 1.0, "r": 25.0, "origin": 12.0, "swing": -1.2, "swing_before": 1.6}
+    truth = {f"prandtl_ishlinskii.{k}": v for k, v in law.items()}
+    model = PiezoGain() + PrandtlIshlinskii(dead_zones=0) + Creep(1) + Offset()
+    truth |= {"creep.c": 0.05, "creep.tau": 1.0}
+    blank = po.Measurement(time, drive, 1e-7 * drive)
+    reading = po.simulate(model, blank, truth).reading
+    record = blank.with_(position=reading + 1e-9 * np.random.default_rng(1).normal(size=time.size))
+    small = {"prandtl_ishlinskii.r": 2.0}
+    stuck = po.solve(po.Identification(model, record), start=small)
+    assert stuck.rms > 10.0 * 1e-9
+    book = Book(stuck, 1, 1)
+    book.race(anew(stuck, book))
+    (begun,) = {start.members for start in anew(stuck, book)}
+    assert {k.split(".")[1] for k in begun.free} >= {"origin", "swing", "swing_before"}
+    assert book[begun].rms == pytest.approx(1e-9, rel=0.1)
 
 
 def test_a_law_begins_again_where_it_ended() -> None:

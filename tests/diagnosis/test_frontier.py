@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from piezo_opt.diagnosis.book import Start
-from piezo_opt.diagnosis.frontier import fewest, plainer
+from piezo_opt.diagnosis.frontier import Effort, Frontier, fewest, plainer
 from piezo_opt.diagnosis.members import Members
 from piezo_opt.effects import Creep, Dahl, MaxwellSlip, Preisach, Saturation
 from tests.diagnosis.plants import MOVING, STILL, opened
@@ -30,6 +30,27 @@ def test_the_fewest_effects_come_first_and_each_law_once() -> None:
     assert first(3, plays, slip, loop, one) == [other]
     assert first(3, plays, slip, loop, one, other) == [two]
     assert first(3, *best) == []
+
+
+def test_a_law_with_free_weights_is_expanded_beside_its_smooth_form() -> None:
+    smooth = Members(STILL.replaced("bouc_wen", Preisach()))
+    free = Members(STILL.replaced("bouc_wen", Preisach(free=True)))
+    asks = {smooth: 20, free: 33}.__getitem__
+    assert fewest([smooth, free], 3, [], asks) == [smooth, free]
+    assert fewest([free, smooth], 3, [smooth.hypothesis], asks) == [free]
+
+
+def test_an_answer_is_noise_without_what_is_not_missed_and_has_its_best_law() -> None:
+    """Beside the law of the best set the others may say less than beside another one."""
+    book = opened(CREEPING, choices=40)
+    effects = (Creep(1), Saturation())
+    rough = Members(STILL.replaced("bouc_wen", Dahl()), effects)
+    own = book.base.with_(Creep(1))
+    book.race([Start(rough, None), Start(own, None)], everyone=True)
+    frontier = Frontier(book, Effort.NORMAL, 0.35)
+    assert frontier._lightest(rough) == own
+    assert book.price(rough.without("saturation")) > book.price(own)
+    assert frontier.answer == own
 
 
 def test_laws_that_might_say_the_same_with_less_are_asked_before_two_effects_are_told() -> None:

@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from piezo_opt.diagnosis.book import Start
 from piezo_opt.diagnosis.evidence import RESOLUTION
 from piezo_opt.diagnosis.judge import Judge
 from piezo_opt.diagnosis.told import told
-from piezo_opt.effects import Creep
+from piezo_opt.effects import Creep, SensorLag
 from tests.diagnosis.plants import opened
+
+
+def test_details_that_do_not_pay_do_not_make_a_rival_dear() -> None:
+    """Creep beside a law with an exponent that the record does not ask for."""
+    book = opened((Creep(1), {"c": 0.1, "tau": 0.1}), choices=40)
+    plain, lag = book.base.with_(Creep(1)), book.base.with_(SensorLag())
+    rich = replace(plain, free=("bouc_wen.n",))
+    begun = {"sensor_lag.share": 0.1, "sensor_lag.tau": 0.1}
+    book.race([Start(lag, {**book.foot.values, **begun}), Start(rich, None)], everyone=True)
+    assert plain not in book
+    answer = told(book, (), 0.35, Judge(None))
+    assert book.price(plain) < book.price(rich)
+    assert set(answer.steps[0].group) == {"creep", "sensor_lag"}
 
 
 @pytest.mark.parametrize("strength", [0.0019, 0.003])
