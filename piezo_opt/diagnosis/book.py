@@ -16,6 +16,8 @@ from functools import partial
 from threading import Lock
 from typing import final
 
+import numpy as np
+
 from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import RESOLUTION, WORTH, charge, criterion, numbers
 from piezo_opt.diagnosis.members import Hypothesis, Members
@@ -27,6 +29,7 @@ from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import ENOUGH_A_SAMPLE
 from piezo_opt.identification.starting import starting_values
+from piezo_opt.simulation import TOLERANCE
 from piezo_opt.stopping import Pool
 from piezo_opt.values import Values
 
@@ -42,6 +45,8 @@ _LEAST = 2
 _DOUBT = 2.0
 """Error that a full step promises over the one that is reached in the end: hardly ever more than
 this, where a fit has gone five iterations."""
+_OF_WHAT_IS_LEFT = 0.1
+"""Error of the scheme over what the closest fit leaves: another noise that adds half a per cent."""
 _FALLING = 0.95
 """Error over that before as many iterations again, above which a fit hardly falls any more: the
 twentieth part of its error is what it would have to lose in each of them."""
@@ -311,6 +316,13 @@ class Book:
         self._begun.add(key)
         return True
 
+    @property
+    def _tolerance(self) -> float:
+        """Error of the scheme as a share of the reading's range: a tenth of what the closest fit
+        leaves."""
+        span = max(float(np.ptp(record.position)) for record in self.foot.records)
+        return max(TOLERANCE, _OF_WHAT_IS_LEFT * self._closest.rms / (span or 1.0))
+
     def _first(self, start: Start) -> tuple[Start, Fit | None]:
         values = self.fresh(start.members) if start.values is None else start.values
         if values is None:
@@ -319,7 +331,10 @@ class Book:
         with suppress(*NO_FIT):
             self.refits += 1
             question = start.members.question(self.question)
-            fit = refit(question, _own(values, question), _FIRST, mend=False, most=self._most)
+            fit = refit(
+                question, _own(values, question), _FIRST, mend=False, most=self._most,
+                tolerance=self._tolerance,
+            )  # fmt: skip
             self.keep(start.members, fit)
         return start, fit
 
@@ -331,7 +346,9 @@ class Book:
 
     def _went_on(self, members: Members, fit: Fit, iterations: int) -> Fit:
         self.refits += 1
-        fit = refit(fit.question, fit.values, iterations, most=self._most)
+        fit = refit(
+            fit.question, fit.values, iterations, most=self._most, tolerance=self._tolerance
+        )
         self.keep(members, fit)
         return fit
 

@@ -7,6 +7,7 @@ say the same with less.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Sequence
 from enum import Enum
 from typing import final
@@ -119,7 +120,7 @@ class Frontier:
         while True:
             fit = book.settled(at)
             fewer = [start for _, start in less(at, fit)]
-            book.race(fewer)
+            book.race(fewer, beyond=math.hypot(1.0, self._least) * fit.rms)
             able = [
                 start.members for start in fewer
                 if start.members in book

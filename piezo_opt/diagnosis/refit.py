@@ -12,6 +12,7 @@ from piezo_opt.identification import (
     SingleShooting,
     solve,
 )
+from piezo_opt.simulation import TOLERANCE
 from piezo_opt.values import Values
 
 CLOSE = 1e-5
@@ -23,7 +24,7 @@ SETTLED = 80
 
 def refit(
     question: Identification, start: Mapping[str, float], iterations: int, *, mend: bool = True,
-    most: float = float("inf"),
+    most: float = float("inf"), tolerance: float = TOLERANCE,
 ) -> Fit:  # fmt: skip
     """Fit from given values, without statistics.
 
@@ -33,13 +34,16 @@ def refit(
         iterations: most steps taken.
         mend: whether sub-steps that have become too coarse are chosen anew.
         most: sub-steps a sample beyond which there is no such fit.
+        tolerance: error of the scheme as a share of the reading's range, with which it begins.
 
     Raises:
         KeyboardInterrupt: somebody interrupted it; the search ends, not only this fit.
         ModelError, InputError, ArithmeticError: there is no such fit.
     """
     solver = LevenbergMarquardt(iterations=iterations, tolerance=CLOSE)
-    coarse = SingleShooting(refine=False, mend=float("inf") if mend else 0.0, most=most)
+    coarse = SingleShooting(
+        refine=False, mend=float("inf") if mend else 0.0, most=most, tolerance=tolerance
+    )
     begun = Values(start)
     fit = solve(question, start=begun, solver=solver, transcription=coarse, statistics=False)
     if fit.outcome.ending is Ending.INTERRUPTED:

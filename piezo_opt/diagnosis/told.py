@@ -213,21 +213,28 @@ def _worthy(
 def _likeliest(book: Book, best: Members, suspects: Sequence[Suspect]) -> Members:
     """Of sets that differ in one effect and that the criterion cannot tell apart, the likeliest.
 
-    Least likely is one that needs an effect at a bound of what it can be: that imitates another.
-    Else the likeliest is the one whose effect scored highest at the foot, before any refit.
+    Least likely is one with an effect that imitates another, likeliest the one whose effect scored
+    highest at the foot, before any refit.
     """
     at_foot = {s.name: s.score for s in reversed(suspects) if not s.wrong_side}
     even = [m for m in book.leading if book.price(m) - book.price(best) < RESOLUTION]
 
     def ahead(members: Members) -> tuple[int, float]:
-        bound = sum(k.split(".")[0] in members.names for k in book[members].at_bound)
-        return -bound, sum(at_foot.get(n, 0.0) for n in members.names)
+        bent = sum(_imitates(book[members], name) for name in members.names)
+        return -bent, sum(at_foot.get(n, 0.0) for n in members.names)
 
     alike = [
         m for m in even
         if len(m.names) == len(best.names) and len({*m.names} - {*best.names}) <= 1
     ]  # fmt: skip
     return max([best, *alike], key=ahead)
+
+
+def _imitates(fit: Fit, name: str) -> bool:
+    """Whether an effect would have to be beyond what it can be: a shape of it ended at a bound. All
+    of a signal may well pass it, so its gate may."""
+    gate = f"{name}.{fit.model[name].gate}"
+    return any(k.startswith(f"{name}.") and k != gate for k in fit.at_bound)
 
 
 def _fewer(book: Book, best: Members) -> list[Members]:
@@ -316,7 +323,8 @@ def _alternatives(book: Book, best: Members, name: str, least: float) -> dict[st
     """Fits with an effect and with those in whose place it is not resolved, its own first.
 
     Not resolved is an exchange that costs less than the criterion can resolve, or one that leaves
-    more by less than is worth a name, of what is left and of what the effect explains.
+    more by less than is worth a name, of what is left and of what the effect explains. What only
+    imitates the effect is no exchange.
     """
     rest = {n for n in best.names if n != name}
     fit, below = book[best], best.without(name)
@@ -329,7 +337,8 @@ def _alternatives(book: Book, best: Members, name: str, least: float) -> dict[st
             continue
         even = book.price(members) - book.price(best) < RESOLUTION
         behind = remaining(book[members], book.colour) - left
-        if even or behind < least**2 * min(left, explained):
+        same = even or behind < least**2 * min(left, explained)
+        if same and not _imitates(book[members], others[0]):
             found[others[0]] = book[members]
     return found
 

@@ -15,6 +15,7 @@ from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.solvers.base import ResidualSolver, Solution
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
 from piezo_opt.identification.unknowns import Unknowns
+from piezo_opt.simulation import TOLERANCE
 
 FloatArray = NDArray[np.float64]
 
@@ -61,11 +62,13 @@ class SingleShooting:
             whether it should be.
         most: sub-steps a sample beyond which there is no fit: a comparison would wait for it longer
             than for all others.
+        tolerance: error of the scheme as a share of the reading's range, with which it begins.
     """
 
     refine: bool = True
     mend: float = np.inf
     most: float = np.inf
+    tolerance: float = TOLERANCE
 
     @property
     def name(self) -> str:
@@ -94,7 +97,9 @@ class SingleShooting:
             )
         taken = cast(ResidualSolver, chosen)
         most = MOST_A_SAMPLE if self.refine else ENOUGH_A_SAMPLE
-        objective = Objective(question, unknowns, start, monitor, most=most, exact=not self.refine)
+        objective = Objective(
+            question, unknowns, start, monitor, self.tolerance, most=most, exact=not self.refine
+        )
         self._affordable(objective)
         solution = taken.minimise(objective, start)
         if self.refine and objective.refine(solution.theta):

@@ -57,7 +57,7 @@ def test_who_does_not_promise_to_come_near_the_best_is_left_after_five_iteration
     assert promised is not None
     assert promised > 2.0 * book[near].rms
     assert book[far].trace.rms.size == 6
-    assert book[near].outcome.success
+    assert book[near].rms == pytest.approx(NOISE, rel=0.05)
 
 
 def test_a_law_that_was_led_astray_is_begun_again() -> None:

@@ -28,8 +28,8 @@ class Solution:
     point: Linearised | None = None
     """Residual and Jacobian at ``theta`` on those sub-steps, where they are known."""
     promised: float | None = None
-    """Share of the cost that a full Gauss-Newton step would leave, were the reading linear; None where
-    nobody asked."""
+    """Share of the cost that a full Gauss-Newton step would leave, were the reading linear; None
+    where nobody asked."""
 
 
 class ResidualSolver(Protocol):
