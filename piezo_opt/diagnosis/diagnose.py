@@ -386,7 +386,13 @@ def diagnose(
     searched = search(
         fit, offered, withhold, effort, worth, threads, tell, limit, begun, better or _silent
     )
-    answer = told(searched.book, searched.suspects, worth, judge)
+    interrupted = searched.interrupted
+    try:
+        with limit:
+            answer = told(searched.book, searched.suspects, worth, judge)
+    except KeyboardInterrupt:
+        interrupted = searched.book.brief = True
+        answer = told(searched.book, searched.suspects, worth, judge)
     final = fit if answer.final is fit else with_statistics(answer.final)
     floor = noise_floor(final)
     found = Diagnosis(
@@ -406,7 +412,7 @@ def diagnose(
         top=Point("final", final.rms, judge.error(final)),
         refits=searched.book.refits,
     )
-    if searched.interrupted:
+    if interrupted:
         # The nearest name so far is no answer while more than noise is left.
         verdict = found.verdict if is_noise(final, worth) else "open"
         found = replace(found, verdict=verdict, stopped=_who(limit))

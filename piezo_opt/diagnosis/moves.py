@@ -169,9 +169,9 @@ def laws(at: Members, fit: Fit, withheld: Sequence[str], book: Book) -> list[Sta
 def anew(fit: Fit, book: Book) -> list[Start]:
     """The set with its law begun again, from several widths and from where it stands, with each of
     the histories from which its plays may begin: what was missing when it was fitted first may have
-    led it to another minimum."""
+    led it to another minimum. Without effects, other laws than the base model's have begun so."""
     at = Members.of(fit.question, book.question)
-    if at.law is None:
+    if at.law is None or not (at.effects or at.law == book.base.law):
         return []
     record = max(fit.records, key=lambda r: float(np.ptp(r.drive)))
     details = freed(at.law, at.base[at.law], record)

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from piezo_opt.diagnosis.book import Book
 from piezo_opt.diagnosis.diagnose import Stopped, diagnose
 from piezo_opt.diagnosis.frontier import Frontier
 from piezo_opt.diagnosis.members import Members
@@ -106,6 +107,25 @@ def test_what_was_accepted_before_an_interrupt_is_kept(monkeypatch: pytest.Monke
     assert found.verdict == "missing"
     assert found.final.rms < 0.4 * found.fit.rms
     assert found.headline.startswith("Not finished, the best when it was interrupted. Missing:")
+
+
+def test_an_answer_that_is_interrupted_while_it_is_read_is_told_from_what_is_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    concluding, times = Book.conclude, []
+
+    def concluded(book: Book) -> None:
+        concluding(book)
+        times.append(book.brief)
+        if len(times) == 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Book, "conclude", concluded)
+    train, _ = hidden_effect.data().split(hidden_effect.SPLIT)
+    found = diagnose(train, withhold=but("creep", "drift"))
+    assert times == [False, True]  # the second time no fit goes on after its first iterations
+    assert found.stopped is Stopped.USER
+    assert [step.name for step in found.steps] == ["creep"]
 
 
 def test_the_nearest_name_so_far_is_no_answer_while_more_than_noise_is_left(
