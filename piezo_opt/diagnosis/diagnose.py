@@ -83,7 +83,7 @@ class Diagnosis:
         experiments: drives worth playing next, and what each would tell.
         invisible: effects that no candidate drive would show.
         unexplained: where a correction would have to enter, and of what it is a function; None
-            unless that is the verdict.
+            unless that is the verdict, and where it was ended before that was known.
         rivals: other hysteresis laws in the place of the base model's own, best first; tried where
             more than noise was left on the way.
         slight: effects that would help, but explain too little to bear a name, and how much:
@@ -417,6 +417,8 @@ def diagnose(
         verdict = found.verdict if is_noise(final, worth) else "open"
         found = replace(found, verdict=verdict, stopped=_who(limit))
     else:
+        if found.structure.left:  # whether or not there is time to say where it enters
+            found = replace(found, verdict="unexplained")
         try:
             with limit:
                 found = _rescored(found, offered, unheard, searched.book.colour, threads)

@@ -143,3 +143,20 @@ def test_the_nearest_name_so_far_is_no_answer_while_more_than_noise_is_left(
         r"which is more than noise\.",
         found.headline,
     )
+
+
+def test_structure_is_told_though_there_was_no_time_to_say_where_it_enters() -> None:
+    def interrupt(sentence: str) -> None:
+        if sentence.startswith("looking for the smallest correction"):
+            raise KeyboardInterrupt
+
+    train, _ = hidden_effect.data().split(hidden_effect.SPLIT)
+    hum = 10.0 * hidden_effect.noise_rms() * np.sin(300.0 * train.time)
+    disturbed = replace(train, position=train.position + hum)
+    found = diagnose(disturbed, withhold=but("creep"), progress=interrupt)
+    assert found.stopped is Stopped.USER
+    assert found.structure.left
+    assert found.verdict == "unexplained"
+    assert found.unexplained is None
+    assert "Unexplained" in found.headline
+    assert found.to_dict()["unexplained"] is None
