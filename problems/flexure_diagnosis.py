@@ -6,9 +6,8 @@ Ask which effect is missing, and judge on the next 20 s.
 What comes out. Something bends the loop (an asymmetry, a curved calibration, a stiffening guide, or
 a hysteresis law whose branches differ) and something makes it lag (a lag of amplifier or sensor,
 creep, a limited rate). Which name leads is chance at one amplitude and one frequency. Together they
-bring the error from 0.466 um to
-below 0.11 um, on the second half to below 0.2 um, with a noise of 0.082 um that was measured from
-the repeated sine. Whether that is all is within the uncertainty of the noise.
+bring the error from 0.466 um to below 0.11 um, on the second half to below 0.2 um, with a noise of
+0.082 um that was measured from the repeated sine. Structure is left: the verdict is `unexplained`.
 
 What it would take: many frequencies and amplitudes, a multisine over the whole range.
 

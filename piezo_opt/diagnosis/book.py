@@ -43,8 +43,9 @@ is enough to compare models: it would take longer than all the others together."
 _LEAST = 2
 """Rivals that are followed to the end at least."""
 _DOUBT = 2.0
-"""Error that a full step promises over the one that is reached in the end: hardly ever more than
-this, where a fit has gone five iterations."""
+"""Error that a full step promises over that of the best one, beyond which a rival is left: four
+times the squares. A linear model that is off by more than a factor of four is no guide in the usual
+test of a step either (More 1978, Lecture Notes in Mathematics 630: a ratio below a quarter)."""
 _OF_WHAT_IS_LEFT = 0.1
 """Error of the scheme over what the closest fit leaves: another noise that adds half a per cent."""
 _FALLING = 0.95
