@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 import piezo_opt as po
+from piezo_opt.benchmark import plants
+from piezo_opt.benchmark.hidden import measurement
 from piezo_opt.diagnosis import Diagnosis, diagnose
 from piezo_opt.diagnosis.members import Members
 from piezo_opt.diagnosis.moves import adds
@@ -27,6 +29,7 @@ from piezo_opt.effects import (
     PiezoGain,
     RateDependence,
     Saturation,
+    SensorLag,
     SlewLimit,
 )  # fmt: skip
 from piezo_opt.effects.base import Chain, Equations, Parameter, Place
@@ -283,6 +286,25 @@ def test_an_effect_is_named_beside_a_law_that_is_not_the_base_model_s(
     assert [step.name for step in found.steps] == [hidden.name]
     assert found.final.rms == pytest.approx(NOISE, rel=0.06)
     assert found.final.model.hysteresis != "bouc_wen"
+
+
+def test_the_rivals_of_an_answer_that_leaves_only_noise_are_fitted_apart() -> None:
+    """A hysteretic force comes to 1.04 times the noise, the friction that is there to 1.00."""
+    train, _ = plants.make(("friction",), 970, samples=8000, level="standard")
+    record = measurement(train, "record")
+    model, _ = po.default_model(record)
+    kept = {"friction", "hysteretic_force", "bouc_wen", "generalised_bouc_wen", "duhem"}
+    withheld = tuple(name for name in CATALOGUE if name not in kept)
+    found = diagnose(po.Identification(model, record), advise=False, withhold=withheld)
+    assert [step.name for step in found.steps] == ["friction"]
+    assert found.final.rms == pytest.approx(train.noise_rms, rel=0.02)
+
+
+def test_a_lag_enters_with_two_poles_as_well() -> None:
+    book = opened()
+    (suspect, *_), _ = scored(book.foot, (SensorLag(),), 1, book.colour)
+    starts = adds(book.base, (replace(suspect, wrong_side=False),), 1, book)
+    assert {start.members.effects for start in starts} == {(SensorLag(),), (SensorLag(poles=2),)}
 
 
 def test_what_the_fitted_parameters_imitate_is_not_fitted() -> None:
