@@ -247,10 +247,13 @@ def crossed(bare: Sequence[Members], most: int, book: Book) -> list[Start]:
 def imitations(at: Members, fit: Fit, offered: Sequence[Effect]) -> list[Start]:
     """Effects that can do exactly what a member does, in its place and beginning with that."""
     found = []
+    forms = dict.fromkeys(form for effect in offered for form in (effect, *type(effect).forms()))
     for member in at.effects:
         does = own(fit.values, member.name)
-        for effect in offered:
-            if effect.name in at.names:
+        for effect in forms:
+            # One that holds the member takes the place of its own simpler form as well.
+            beside = effect.name in at.names and not effect.holds_another
+            if beside or effect.name == member.name:
                 continue
             imitated = effect.like(member.name, does)
             if imitated is None:

@@ -130,13 +130,16 @@ def _in_other_forms(fit: Fit, name: str) -> list[Richer]:
     kept = {option: value for option, value in effect.options.items() if option not in asked}
     written: Any = type(effect)
     forms: list[Effect] = [written(**kept, **options) for options in effect.variants]
-    if effect not in forms:
-        return []  # written in more detail already
-    return [
-        (fit.question.with_model(fit.model.replaced(name, other)), fit.values)
-        for other in forms
-        if other != effect
-    ]
+    if effect not in forms:  # written in more detail already
+        forms = [form for form in type(effect).forms() if form.holds_another]
+    does = own(fit.values, name)
+    found: list[Richer] = []
+    for other in forms:
+        if other != effect:
+            begun = other.like(effect.name, does) or {}
+            start = {**fit.values, **{f"{name}.{k}": v for k, v in begun.items()}}
+            found.append((fit.question.with_model(fit.model.replaced(name, other)), start))
+    return found
 
 
 def detailed(fit: Fit, name: str) -> Richer | None:

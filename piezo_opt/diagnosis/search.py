@@ -28,7 +28,8 @@ from piezo_opt.diagnosis.moves import adds, crossed, details, imitations, laws, 
 from piezo_opt.diagnosis.noise import is_noise
 from piezo_opt.diagnosis.scores import Suspect, Unscored, scored
 from piezo_opt.effects.base import Effect
-from piezo_opt.identification import Fit
+from piezo_opt.effects.model import Model
+from piezo_opt.identification import Fit, is_lag
 from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import show
 
@@ -154,7 +155,7 @@ class _Run:
             done = is_noise(book.settled(at), self.least)
             if done:
                 # What its own details leave undone would be scored as something absent.
-                book.race(details(book[at], book, quiet=True))
+                book.race(details(book[at], book, quiet=True), beyond=book[at].rms)
                 at = next(m for m in book.leading if m.hypothesis == at.hypothesis)
             self.frontier.expanded[at.hypothesis] = book.settled(at)
             near[at] = ()
@@ -202,7 +203,8 @@ def _in_depth(book: Book, least: float) -> None:
     has neither right alone."""
     while True:
         fit = book.settled(book.best)
-        book.race(details(fit, book, quiet=is_noise(fit, least)))
+        quiet = is_noise(fit, least)
+        book.race(details(fit, book, quiet=quiet), beyond=fit.rms if quiet else float("inf"))
         if worth(fit, book[book.best], book.colour) < least:
             return
 
@@ -233,9 +235,12 @@ def _exchanged(
     Who is asked for the place is scored where the rest of the set stands beside the member: there
     the rest is not bent by its absence.
     """
-    starts = imitations(at, book[at], offered)
-    for name in at.names:
-        rest = at.without(name)
+    fit = book[at]
+    starts = imitations(at, fit, offered)
+    rests = [at.without(name) for name in at.names]
+    if not at.effects or is_lag(fit, Model(())):
+        rests += [start.members for start in still(at, fit, book.question)[:1]]
+    for rest in rests:
         beside = book.standing(rest, book[at])
         if beside is not None:
             others, _ = scored(beside, offered, threads, book.colour)

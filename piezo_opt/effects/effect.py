@@ -38,7 +38,7 @@ class Effect(ABC):
     """Options of rarer forms: tried as well, but scores are told of the usual ones."""
     reshaped: ClassVar[tuple[str, ...]] = ()
     """Options of forms that hold a simpler effect and would enter in its place: they are tried only
-    in the place of another form that has entered."""
+    in the place of another form that has entered, or of that effect."""
 
     redundant: ClassVar[int] = 0
     """Parameters beyond the numbers that act; what counts parameters does not count these."""
@@ -205,12 +205,16 @@ class Effect(ABC):
             )
 
     @classmethod
-    def entries(cls) -> tuple[Effect, ...]:
-        """The forms in which a search lets the effect enter."""
+    def forms(cls) -> tuple[Effect, ...]:
+        """The forms under which a search tries the effect."""
         cls.check_frozen()
         written: Any = cls
-        forms = [written(**options) for options in cls.variants]
-        return tuple(form for form in forms if not form.holds_another)
+        return tuple(written(**options) for options in cls.variants)
+
+    @classmethod
+    def entries(cls) -> tuple[Effect, ...]:
+        """The forms in which a search lets the effect enter."""
+        return tuple(form for form in cls.forms() if not form.holds_another)
 
     @property
     def holds_another(self) -> bool:

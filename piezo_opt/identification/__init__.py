@@ -2,7 +2,7 @@
 
 from piezo_opt.identification.bootstrap import Bootstrap, bootstrap
 from piezo_opt.identification.collocation import Collocation
-from piezo_opt.identification.default import default_model, ringing
+from piezo_opt.identification.default import default_model, is_lag, ringing
 from piezo_opt.identification.driven import as_driven
 from piezo_opt.identification.expected import priors_from
 from piezo_opt.identification.monitor import Progress
@@ -51,6 +51,7 @@ __all__ = [
     "as_driven",
     "bootstrap",
     "default_model",
+    "is_lag",
     "load_fit",
     "priors_from",
     "profile_likelihood",

@@ -14,6 +14,7 @@ from piezo_opt.effects.strain.bouc_wen import BoucWen
 from piezo_opt.effects.strain.piezo_gain import PiezoGain
 from piezo_opt.identification.problem import Identification
 from piezo_opt.identification.quick import ENOUGH, quick
+from piezo_opt.identification.result import Fit
 from piezo_opt.identification.stretch import busiest
 from piezo_opt.measurement import Campaign, Measurement
 from piezo_opt.measurement.spectra import without_line
@@ -84,6 +85,12 @@ def ringing(question: Identification, foot: Model) -> Identification:
     joined = [n for n, e in question.model if isinstance(e, SecondOrder) and n not in foot]
     held = {f"{n}.zeta": (SecondOrder.zeta.bounds[0], _DAMPED) for n in joined}
     return replace(question, bounds={**held, **question.bounds}) if held else question
+
+
+def is_lag(fit: Fit, foot: Model) -> bool:
+    """Whether mechanics that are not in the model at the foot ended where they do not ring."""
+    joined = [n for n, e in fit.model if isinstance(e, SecondOrder) and n not in foot]
+    return any(fit.values[f"{n}.zeta"] >= _DAMPED for n in joined)
 
 
 def excitation(record: Measurement, omega: float) -> float:

@@ -134,6 +134,11 @@ def test_mechanics_that_join_must_ring_but_not_the_user_s_own() -> None:
     joined = [m for m in book.sets if not m.model.quasi_static]
     assert joined
     assert all(book[m].values["second_order.zeta"] <= np.sqrt(0.5) for m in joined)
+    # Where they would not ring any more, they are no answer.
+    at_the_edge = [m for m in joined if "second_order.zeta" in book[m].at_bound]
+    assert at_the_edge
+    assert all(book.price(m) == np.inf for m in at_the_edge)
+    assert book.best not in at_the_edge
     asked = replace(book.base, base=MOVING).question(po.Identification(MOVING, record))
     assert "second_order.zeta" not in asked.bounds
 

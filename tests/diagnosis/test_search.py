@@ -14,11 +14,17 @@ import piezo_opt as po
 from piezo_opt.benchmark import plants
 from piezo_opt.benchmark.hidden import measurement
 from piezo_opt.diagnosis import Diagnosis, diagnose
+from piezo_opt.diagnosis.book import Book
+from piezo_opt.diagnosis.frontier import Effort
 from piezo_opt.diagnosis.members import Members
-from piezo_opt.diagnosis.moves import adds
+from piezo_opt.diagnosis.moves import adds, imitations
 from piezo_opt.diagnosis.noise import is_noise, noise_floor
+from piezo_opt.diagnosis.refit import refit
 from piezo_opt.diagnosis.scores import scored
+from piezo_opt.diagnosis.search import _exchanged
 from piezo_opt.effects import (
+    AmplifierLag,
+    ChargeBackCoupling,
     Creep,
     CubicStiffness,
     DeadZone,
@@ -305,6 +311,34 @@ def test_a_lag_enters_with_two_poles_as_well() -> None:
     (suspect, *_), _ = scored(book.foot, (SensorLag(),), 1, book.colour)
     starts = adds(book.base, (replace(suspect, wrong_side=False),), 1, book)
     assert {start.members.effects for start in starts} == {(SensorLag(),), (SensorLag(poles=2),)}
+
+
+def test_a_form_that_holds_another_effect_begins_where_that_was_found() -> None:
+    """Also in the place of its own simpler form beside it: one name instead of two."""
+    time = clock(600)
+    fit = po.solve(po.Identification(MOVING, measured(MOVING, time, rich(time))))
+    lagging = Members(MOVING).with_(AmplifierLag())
+    for at in (lagging, lagging.with_(ChargeBackCoupling())):
+        values = {**fit.values, "amplifier_lag.share": 0.9, "amplifier_lag.tau": 2e-3}
+        values |= {"charge_back_coupling.kappa": 0.1, "charge_back_coupling.tau": 2e-3}
+        there = refit(at.question(fit.question), values, 0)
+        (start,) = imitations(at, there, ChargeBackCoupling.entries())
+        assert start.members.effects == (ChargeBackCoupling(whole=True),)
+        values = start.values or {}
+        assert values["charge_back_coupling.tau"] == 2e-3
+        assert values["charge_back_coupling.back"] == 0.0
+
+
+def test_who_lags_is_asked_for_the_place_of_the_mechanics() -> None:
+    """A damped resonance does much of what a lag does, and no step leads from it to the lag."""
+    time = clock(600)
+    record = measured(STILL, time, rich(time), (SensorLag(), {"share": 1.0, "tau": 4e-3}))
+    book = Book(po.solve(po.Identification(MOVING, record)), 1, 1)
+    starts = _exchanged(book, book.base, SensorLag.entries(), Effort.NORMAL, 1)
+    assert Members(STILL).with_(SensorLag()) in {start.members for start in starts}
+    book.race(starts)
+    assert book.best.names == ("sensor_lag",)
+    assert book[book.best].model.quasi_static
 
 
 def test_what_the_fitted_parameters_imitate_is_not_fitted() -> None:

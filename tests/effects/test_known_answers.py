@@ -194,6 +194,9 @@ def test_the_whole_port_is_the_lag_and_the_charge_that_comes_back() -> None:
     begun = ChargeBackCoupling(whole=True).like("amplifier_lag", lag)
     assert begun == {**lag, "back": 0.0}
     assert ChargeBackCoupling().like("amplifier_lag", lag) is None
+    lost = {"kappa": tau * back, "tau": tau}
+    begun = ChargeBackCoupling(whole=True).like("charge_back_coupling", lost)
+    assert begun == pytest.approx({"share": 1.0, "tau": tau, "back": back})
     both = moving + AmplifierLag() + ChargeBackCoupling()
     reading, _ = respond(both, time, drive, {**mechanics, **apart}, 1e-5)
     np.testing.assert_allclose(port, reading, rtol=0, atol=1e-9 * np.ptp(reading))
@@ -1032,6 +1035,34 @@ def test_smooth_friction_is_viscous_below_and_coulombs_above_its_velocity() -> N
     assert set(Friction(smooth=True).parameters) == {"F", "w_c"}
     assert Friction(smooth=True).like("hysteretic_force", {"beta": 1.0, "gamma": 1.0}) is None
     assert HystereticForce().like("friction", {"F": 1.0, "w_c": 1e-4}) is None
+
+
+def test_the_elements_of_a_distributed_force_yield_one_after_another() -> None:
+    """Slid far, each carries 1 / beta_i, and on the way there x turns into (1 - exp(-beta_i x)) /
+    beta_i; all alike they are the one element."""
+    moving, time = PiezoGain() + SecondOrder(), np.arange(400) * 1e-4
+    drive = np.interp(time, [0.0, 0.02, 0.03, 0.04], [0.0, 50.0, 50.0, 0.0])
+    own = {"alpha": 2e4, "beta": 2e6, "gamma": 1.0, "spread": 16.0}
+    values = {"second_order.omega": 2e3, "second_order.zeta": 0.3}
+    values |= {f"hysteretic_force.{k}": v for k, v in own.items()}
+    model = moving + HystereticForce(distributed=True)
+    position, states = respond(model, time, drive, values, 2e-6)
+    rising = np.arange(0, 200, 20)  # overdamped enough to move one way only
+    assert np.all(np.diff(position[:200]) > -1e-12)
+    for i, beta in enumerate(2e6 * 16.0 ** (np.arange(5) / 4.0)):
+        bent = -np.expm1(-beta * position[rising]) / beta
+        np.testing.assert_allclose(
+            states[f"hysteretic_force.z[{i}]"][rising], bent, rtol=0, atol=2e-3 / beta
+        )
+    alike = {**values, "hysteretic_force.spread": 1.0}
+    one, _ = respond(model, time, drive, alike, 1e-5)
+    plain = {k: v for k, v in values.items() if not k.endswith("spread")}
+    other, _ = respond(moving + HystereticForce(), time, drive, plain, 1e-5)
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * np.ptp(one))
+    finer, begun = HystereticForce().finer({"beta": 2e6})
+    assert finer == HystereticForce(distributed=True)
+    assert begun["beta"] * 10.0**0.5 == pytest.approx(2e6)
+    assert finer.finer({"beta": 2e6}) == (finer, {})
 
 
 def test_hysteretic_force_is_the_law_of_the_public_benchmark() -> None:

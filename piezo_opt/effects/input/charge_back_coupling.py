@@ -60,10 +60,14 @@ class ChargeBackCoupling(Effect):
     zeta = replace(DAMPING, unless="whole")
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
-        """The whole port is an amplifier's lag to which nothing comes back."""
-        if not self.whole or other != "amplifier_lag":
-            return None
-        return {"share": own["share"], "tau": own["tau"], "back": 0.0}
+        """The whole port is an amplifier's lag to which nothing comes back; where the lag is short,
+        the voltage lost to the velocity is the port's: back = kappa / tau."""
+        if self.whole and other == "amplifier_lag":
+            return {"share": own["share"], "tau": own["tau"], "back": 0.0}
+        if self.whole and other == self.name and "kappa" in own:
+            back = max(own["kappa"] / own["tau"], 0.0)
+            return {"share": 1.0, "tau": own["tau"], "back": back}
+        return None
 
     def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
         """With the second pole."""
