@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from piezo_opt.diagnosis.base_point import ROUGH
 from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.members import Members
-from piezo_opt.diagnosis.richer import freed, in_detail
+from piezo_opt.diagnosis.richer import finer_form, freed, in_detail
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.catalogue import CATALOGUE
@@ -286,7 +286,7 @@ def _joined(at: Members, suspects: Sequence[Suspect], book: Book) -> Start | Non
 def _finer(start: Start, name: str) -> Start:
     """A start with an effect in its finer form: a lag of two poles may help where one does not."""
     values = start.values or {}
-    finer, begun = start.members.model[name].finer(own(values, name))
+    finer, begun = finer_form(start.members.model, name, values)
     members = start.members.with_(finer)
     return Start(members, {**values, **{f"{name}.{k}": v for k, v in begun.items()}})
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from piezo_opt.diagnosis.refit import refit
 from piezo_opt.effects.base import Effect, Place
+from piezo_opt.effects.model import Model
 from piezo_opt.effects.motion.second_order import SecondOrder
 from piezo_opt.effects.motion.spring import Spring
 from piezo_opt.errors import NO_FIT
@@ -145,14 +146,14 @@ def _in_other_forms(fit: Fit, name: str) -> list[Richer]:
 def detailed(fit: Fit, name: str) -> Richer | None:
     """One effect in its finer form, with the details of its shape free."""
     effect = fit.model[name]
-    finer, start = effect.finer(own(fit.values, name))
+    finer, start = finer_form(fit.model, name, fit.values)
     record = fit.question.campaign.records[0]
     if any(s.remanent for s in effect.declared_states.values()) and any(
         finer.parameters[k].unit == "s" and v < record.step for k, v in start.items()
     ):
         finer, start = effect, {}  # a memory that is gone at the next sample needs no detail
     # A force that a time makes of the velocity needs a mass: a spring without one holds none.
-    still = effect.place is Place.MOTION and any(isinstance(e, Spring) for _, e in fit.model)
+    still = _on_spring(fit.model, name)
     details = [
         k for k in finer.details
         if f"{name}.{k}" not in (*fit.question.free, *fit.question.fixed)
@@ -165,6 +166,23 @@ def detailed(fit: Fit, name: str) -> Richer | None:
     begin = {k: v for k, v in freed(name, finer, record).items() if k in free}
     moved = {**{f"{name}.{k}": v for k, v in start.items()}, **begin}
     return replace(question, free=(*question.free, *free)), {**fit.values, **moved}
+
+
+def finer_form(
+    model: Model, name: str, values: Mapping[str, float]
+) -> tuple[Effect, Mapping[str, float]]:
+    """An effect of a model in its finer form, and where that begins.
+
+    On a spring without mass a force stays as it is: what it remembers there in more detail, a
+    hysteresis law remembers as well.
+    """
+    effect = model[name]
+    return (effect, {}) if _on_spring(model, name) else effect.finer(own(values, name))
+
+
+def _on_spring(model: Model, name: str) -> bool:
+    """Whether an effect is a force on a spring without mass."""
+    return model[name].place is Place.MOTION and any(isinstance(e, Spring) for _, e in model)
 
 
 def freed(name: str, effect: Effect, record: Measurement) -> dict[str, float]:
