@@ -244,24 +244,31 @@ def crossed(bare: Sequence[Members], most: int, book: Book) -> list[Start]:
     return found
 
 
-def imitations(at: Members, fit: Fit, offered: Sequence[Effect]) -> list[Start]:
-    """Effects that can do exactly what a member does, in its place and beginning with that."""
-    found = []
+def imitations(at: Members, fit: Fit, offered: Sequence[Effect], book: Book) -> list[Start]:
+    """Effects that can do what a member does, or the mechanics, in its place and beginning with
+    that: a damped resonance does much of what a lag does, and no step leads from it to the lag."""
     forms = dict.fromkeys(form for effect in offered for form in (effect, *type(effect).forms()))
-    for member in at.effects:
+    places = [(member, at.without(member.name)) for member in at.effects]
+    bare = still(at, fit, book.question)[:1]
+    for start in bare:
+        (mechanics,) = (e for n, e in at.base if n not in start.members.base)
+        places.append((mechanics, start.members))
+    found = []
+    for member, rest in places:
         does = own(fit.values, member.name)
         for effect in forms:
             # One that holds the member takes the place of its own simpler form as well.
-            beside = effect.name in at.names and not effect.holds_another
+            beside = effect.name in rest.names and not effect.holds_another
             if beside or effect.name == member.name:
                 continue
-            imitated = effect.like(member.name, does)
-            if imitated is None:
-                continue
-            members = at.without(member.name).with_(effect)
-            begun = {f"{effect.name}.{k}": v for k, v in imitated.items()}
-            if _allowed(members):
-                found.append(Start(members, {**fit.values, **begun}))
+            finer, _ = effect.finer({name: p.nominal for name, p in effect.parameters.items()})
+            for form in dict.fromkeys((effect, finer) if member.structural else (effect,)):
+                imitated = form.like(member.name, does)
+                members = rest.with_(form)
+                if imitated is not None and _allowed(members):
+                    begun = {f"{form.name}.{k}": v for k, v in imitated.items()}
+                    start = Start(members, {**fit.values, **begun})
+                    found.append(start if form == effect else _in_full(start, form.name, book))
     return found
 
 

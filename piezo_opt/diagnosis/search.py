@@ -28,8 +28,7 @@ from piezo_opt.diagnosis.moves import adds, crossed, details, imitations, laws, 
 from piezo_opt.diagnosis.noise import is_noise
 from piezo_opt.diagnosis.scores import Suspect, Unscored, scored
 from piezo_opt.effects.base import Effect
-from piezo_opt.effects.model import Model
-from piezo_opt.identification import Fit, is_lag
+from piezo_opt.identification import Fit
 from piezo_opt.stopping import TimeLimit
 from piezo_opt.units import show
 
@@ -235,12 +234,9 @@ def _exchanged(
     Who is asked for the place is scored where the rest of the set stands beside the member: there
     the rest is not bent by its absence.
     """
-    fit = book[at]
-    starts = imitations(at, fit, offered)
-    rests = [at.without(name) for name in at.names]
-    if not at.effects or is_lag(fit, Model(())):
-        rests += [start.members for start in still(at, fit, book.question)[:1]]
-    for rest in rests:
+    starts = imitations(at, book[at], offered, book)
+    for name in at.names:
+        rest = at.without(name)
         beside = book.standing(rest, book[at])
         if beside is not None:
             others, _ = scored(beside, offered, threads, book.colour)

@@ -41,10 +41,18 @@ def with_second_pole(effect: Any, own: Mapping[str, float]) -> tuple[Effect, Map
     return replace(effect, poles=2), {"tau": 0.5 * own["tau"] / DAMPING.nominal}
 
 
-def like_a_lag(other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
-    """A short delay is a lag of that time constant; what lags elsewhere lags as much here."""
+def like_a_lag(effect: Any, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
+    """A short delay is a lag of that time constant; what lags elsewhere lags as much here.
+
+    Mechanics that do not ring are two poles, or one of the delay of a slow signal 2 zeta / omega.
+    """
     if other == "delay":
         return {"share": 1.0, "tau": own["T"]}
     if other in ("amplifier_lag", "sensor_lag"):
         return {"share": own["share"], "tau": own["tau"]}
+    if other == "second_order" and effect.poles == 1:
+        return {"share": 1.0, "tau": 2.0 * own["zeta"] / own["omega"]}
+    if other == "second_order":
+        zeta = min(max(own["zeta"], DAMPING.bounds[0]), DAMPING.bounds[1])
+        return {"share": 1.0, "tau": 1.0 / own["omega"], "zeta": zeta}
     return None

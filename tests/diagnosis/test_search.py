@@ -322,7 +322,8 @@ def test_a_form_that_holds_another_effect_begins_where_that_was_found() -> None:
         values = {**fit.values, "amplifier_lag.share": 0.9, "amplifier_lag.tau": 2e-3}
         values |= {"charge_back_coupling.kappa": 0.1, "charge_back_coupling.tau": 2e-3}
         there = refit(at.question(fit.question), values, 0)
-        (start,) = imitations(at, there, ChargeBackCoupling.entries())
+        book = Book(fit, 1, 1)
+        (start,) = imitations(at, there, ChargeBackCoupling.entries(), book)
         assert start.members.effects == (ChargeBackCoupling(whole=True),)
         values = start.values or {}
         assert values["charge_back_coupling.tau"] == 2e-3

@@ -22,6 +22,7 @@ from piezo_opt.effects import (
     CubicStiffness,
     Dahl,
     DeadZone,
+    Delay,
     Drift,
     Duhem,
     Effect,
@@ -219,6 +220,27 @@ def test_before_linear_mechanics_a_lag_is_what_it_is_behind_them() -> None:
         assert one.like(other, {**own, "ratio": 0.2}) == own
         assert one.like("delay", {"T": 1e-4}) == {"share": 1.0, "tau": 1e-4}
         assert one.like("creep", {"c": 0.1, "tau": 1.0}) is None
+
+
+def test_mechanics_that_do_not_ring_are_a_sensor_of_two_poles() -> None:
+    """Behind what is quasi-static; of a slow signal they are the delay 2 zeta / omega."""
+    time = np.arange(400) * 1e-4
+    drive = 30.0 * np.sin(2.0 * np.pi * 25.0 * time) ** 2
+    own = {"omega": 2.0 * np.pi * 300.0, "zeta": 0.9}
+    mechanics = {f"second_order.{k}": v for k, v in own.items()}
+    moving, _ = respond(PiezoGain() + SecondOrder(), time, drive, mechanics, 1e-5)
+    lag = SensorLag(poles=2)
+    does = lag.like("second_order", own) or {}
+    lagging = {f"sensor_lag.{k}": v for k, v in does.items()}
+    still, _ = respond(PiezoGain() + lag, time, drive, lagging, 1e-5)
+    np.testing.assert_allclose(still, moving, rtol=0, atol=1e-6 * np.ptp(moving))
+    late = 2.0 * 0.9 / own["omega"]
+    assert SensorLag().like("second_order", own) == {"share": 1.0, "tau": late}
+    assert Delay().like("second_order", own) == {"T": late}
+    assert Delay().like("sensor_lag", {"share": 0.5, "tau": 1e-3}) == {"T": 5e-4}
+    assert Delay().like("creep", {"c": 0.1, "tau": 1.0}) is None
+    ringing = lag.like("second_order", {**own, "zeta": 0.01}) or {}
+    assert ringing["zeta"] == lag.parameters["zeta"].bounds[0]
 
 
 def test_charge_back_coupling_damps_by_kappa_d_omega_over_two() -> None:

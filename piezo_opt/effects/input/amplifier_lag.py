@@ -39,8 +39,9 @@ class AmplifierLag(Effect):
     zeta = DAMPING
 
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
-        """A short delay is a lag of that time constant; a lag elsewhere is as long here."""
-        return like_a_lag(other, own)
+        """A short delay is a lag of that time constant; a lag elsewhere is as long here, and
+        mechanics that do not ring are one."""
+        return like_a_lag(self, other, own)
 
     def finer(self, own: Mapping[str, float]) -> tuple[Effect, Mapping[str, float]]:
         """With the second pole."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -23,6 +24,13 @@ class Delay(Effect):
 
     place = Place.INPUT
     T = Parameter("s", "delay", nominal=0.0, bounds=(0.0, 10.0), typical=(5e-5, 1e-3), null=0.0)
+
+    def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
+        """What lags delays a slow signal: by a share of its time constant, mechanics by
+        2 zeta / omega."""
+        if other in ("amplifier_lag", "sensor_lag"):
+            return {"T": own["share"] * own["tau"]}
+        return {"T": 2.0 * own["zeta"] / own["omega"]} if other == "second_order" else None
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The signal passes; the whole chain is read T later."""
