@@ -20,6 +20,7 @@ from piezo_opt.diagnosis.members import Members
 from piezo_opt.diagnosis.moves import adds, imitations
 from piezo_opt.diagnosis.noise import is_noise, noise_floor
 from piezo_opt.diagnosis.refit import refit
+from piezo_opt.diagnosis.richer import finer_form, in_detail
 from piezo_opt.diagnosis.scores import scored
 from piezo_opt.diagnosis.search import _exchanged
 from piezo_opt.effects import (
@@ -30,19 +31,22 @@ from piezo_opt.effects import (
     DeadZone,
     Duhem,
     Effect,
+    HystereticForce,
     MaxwellSlip,
     Offset,
     PiezoGain,
     RateDependence,
     Saturation,
+    SecondOrder,
     SensorLag,
     SlewLimit,
+    Spring,
 )  # fmt: skip
 from piezo_opt.effects.base import Chain, Equations, Parameter, Place
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.measurement import FloatArray
 from piezo_opt.symbolic import sin
-from tests.diagnosis.plants import MOVING, STILL, but, clock, measured, opened, rich
+from tests.diagnosis.plants import MOVING, STILL, but, clock, fitted, measured, opened, rich
 
 LINE = PiezoGain() + Offset()
 TIME = clock(1200)
@@ -328,6 +332,28 @@ def test_a_form_that_holds_another_effect_begins_where_that_was_found() -> None:
         values = start.values or {}
         assert values["charge_back_coupling.tau"] == 2e-3
         assert values["charge_back_coupling.back"] == 0.0
+
+
+def test_in_more_detail_an_effect_is_still_tried_in_the_form_that_holds_another() -> None:
+    time = clock(600)
+    at = Members(MOVING).with_(ChargeBackCoupling(poles=2))
+    foot = fitted(MOVING, measured(MOVING, time, rich(time)))
+    own = {"charge_back_coupling.kappa": 6.0, "charge_back_coupling.tau": 2e-3}
+    fit = refit(at.question(foot.question), {**foot.values, **own}, 0)
+    whole = ChargeBackCoupling(whole=True)
+    (start,) = (
+        start for asked, start in in_detail(fit) if asked.model["charge_back_coupling"] == whole
+    )
+    assert start["charge_back_coupling.back"] == pytest.approx(3e3)
+
+
+def test_on_a_spring_without_mass_a_force_stays_as_it_is() -> None:
+    """What more elements remember there, a hysteresis law remembers as well."""
+    values = {"hysteretic_force.beta": 1e6}
+    spring, mass = Spring(), SecondOrder()
+    plain, distributed = HystereticForce(), HystereticForce(distributed=True)
+    assert finer_form(STILL + spring + plain, plain.name, values) == (plain, {})
+    assert finer_form(STILL + mass + plain, plain.name, values)[0] == distributed
 
 
 def test_who_lags_is_asked_for_the_place_of_the_mechanics() -> None:
