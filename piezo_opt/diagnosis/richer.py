@@ -131,8 +131,8 @@ def _in_other_forms(fit: Fit, name: str) -> list[Richer]:
     kept = {option: value for option, value in effect.options.items() if option not in asked}
     written: Any = type(effect)
     forms: list[Effect] = [written(**kept, **options) for options in effect.variants]
-    if effect not in forms:  # written in more detail already
-        forms = [form for form in type(effect).forms() if form.holds_another]
+    if effect not in forms:
+        return []  # written in more detail already
     does = own(fit.values, name)
     found: list[Richer] = []
     for other in forms:

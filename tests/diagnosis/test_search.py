@@ -334,13 +334,13 @@ def test_a_form_that_holds_another_effect_begins_where_that_was_found() -> None:
         assert values["charge_back_coupling.back"] == 0.0
 
 
-def test_in_more_detail_an_effect_is_still_tried_in_the_form_that_holds_another() -> None:
+def test_another_form_of_an_effect_begins_with_what_the_effect_does() -> None:
     time = clock(600)
     at = Members(MOVING).with_(ChargeBackCoupling(poles=2))
     foot = fitted(MOVING, measured(MOVING, time, rich(time)))
     own = {"charge_back_coupling.kappa": 6.0, "charge_back_coupling.tau": 2e-3}
     fit = refit(at.question(foot.question), {**foot.values, **own}, 0)
-    whole = ChargeBackCoupling(whole=True)
+    whole = ChargeBackCoupling(poles=2, whole=True)
     (start,) = (
         start for asked, start in in_detail(fit) if asked.model["charge_back_coupling"] == whole
     )
