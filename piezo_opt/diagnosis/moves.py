@@ -247,10 +247,9 @@ def crossed(bare: Sequence[Members], most: int, book: Book) -> list[Start]:
 def imitations(at: Members, fit: Fit, offered: Sequence[Effect], book: Book) -> list[Start]:
     """Effects that can do what a member does, or the mechanics, in its place and beginning with
     that: a damped resonance does much of what a lag does, and no step leads from it to the lag."""
-    forms = dict.fromkeys(form for effect in offered for form in (effect, *type(effect).forms()))
+    forms = dict.fromkeys(form for effect in offered for form in (effect, *effect.forms))
     places = [(member, at.without(member.name)) for member in at.effects]
-    bare = still(at, fit, book.question)[:1]
-    for start in bare:
+    for start in still(at, fit, book.question)[:1]:
         (mechanics,) = (e for n, e in at.base if n not in start.members.base)
         places.append((mechanics, start.members))
     found = []

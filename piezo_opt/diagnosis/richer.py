@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -126,16 +125,11 @@ def on_mechanics(fit: Fit) -> Fit | None:
 def _in_other_forms(fit: Fit, name: str) -> list[Richer]:
     """One effect in the other forms under which a search tries it."""
     effect = fit.model[name]
-    # A form is what its options say, and what the others of the forms' options are by default.
-    asked = {option for options in effect.variants for option in options}
-    kept = {option: value for option, value in effect.options.items() if option not in asked}
-    written: Any = type(effect)
-    forms: list[Effect] = [written(**kept, **options) for options in effect.variants]
-    if effect not in forms:
+    if effect not in effect.forms:
         return []  # written in more detail already
     does = own(fit.values, name)
     found: list[Richer] = []
-    for other in forms:
+    for other in effect.forms:
         if other != effect:
             begun = other.like(effect.name, does) or {}
             start = {**fit.values, **{f"{name}.{k}": v for k, v in begun.items()}}

@@ -205,16 +205,21 @@ class Effect(ABC):
             )
 
     @classmethod
-    def forms(cls) -> tuple[Effect, ...]:
-        """The forms under which a search tries the effect."""
-        cls.check_frozen()
-        written: Any = cls
-        return tuple(written(**options) for options in cls.variants)
-
-    @classmethod
     def entries(cls) -> tuple[Effect, ...]:
         """The forms in which a search lets the effect enter."""
-        return tuple(form for form in cls.forms() if not form.holds_another)
+        cls.check_frozen()
+        written: Any = cls
+        forms = [written(**options) for options in cls.variants]
+        return tuple(form for form in forms if not form.holds_another)
+
+    @property
+    def forms(self) -> tuple[Effect, ...]:
+        """The effect in each form under which a search tries it, its other options as they are."""
+        # A form is what its options say, and what the others of the forms' options are by default.
+        asked = {option for options in self.variants for option in options}
+        kept = {option: value for option, value in self.options.items() if option not in asked}
+        written: Any = type(self)
+        return tuple(written(**kept, **options) for options in self.variants)
 
     @property
     def holds_another(self) -> bool:

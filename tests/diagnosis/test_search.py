@@ -48,6 +48,21 @@ from piezo_opt.measurement import FloatArray
 from piezo_opt.symbolic import sin
 from tests.diagnosis.plants import MOVING, STILL, but, clock, fitted, measured, opened, rich
 
+
+@final
+@dataclass(frozen=True)
+class Pitched(Effect):
+    """A tone of a frequency that has to be given."""
+
+    frequency: float
+    place = Place.OUTPUT
+    a = Parameter("m", "amplitude", nominal=0.0, bounds=(-1e-6, 1e-6), null=0.0)
+
+    def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
+        """y = x + a sin(2 pi f t)."""
+        return tone(self.frequency, chain, p)
+
+
 LINE = PiezoGain() + Offset()
 TIME = clock(1200)
 NOISE = 5e-9
@@ -332,6 +347,14 @@ def test_a_form_that_holds_another_effect_begins_where_that_was_found() -> None:
         values = start.values or {}
         assert values["charge_back_coupling.tau"] == 2e-3
         assert values["charge_back_coupling.back"] == 0.0
+
+
+def test_an_effect_of_ones_own_may_need_an_option() -> None:
+    """Nothing can be made of its class alone."""
+    book = opened()
+    (one,) = Pitched(3.0).forms
+    assert one == Pitched(3.0)
+    assert not imitations(book.base.with_(Creep(1)), book.foot, (Pitched(3.0),), book)
 
 
 def test_another_form_of_an_effect_begins_with_what_the_effect_does() -> None:
