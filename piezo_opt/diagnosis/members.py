@@ -11,6 +11,7 @@ from typing import final
 from piezo_opt.effects.base import Effect
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.effects.model import Model
+from piezo_opt.effects.motion.spring import Spring
 from piezo_opt.identification import Identification, ringing
 
 _ORDER = {name: place for place, name in enumerate(CATALOGUE)}
@@ -70,16 +71,22 @@ class Members:
         return model
 
     def without(self, name: str) -> Members:
-        """The set without one effect, and without its details."""
-        return Members(
-            self.base, tuple(e for e in self.effects if e.name != name),
-            tuple(k for k in self.free if k.split(".")[0] != name),
-        )  # fmt: skip
+        """The set without one effect and its details, and without a spring on which nothing acts
+        any more: without mass it is where it would be if there were none."""
+        less = self._without(name)
+        if any("motion" in e.requires for e in (*less.effects, *(e for _, e in less.base))):
+            return less
+        held = ((n, e) for n, e in less.base.named if not isinstance(e, Spring))
+        return replace(less, base=Model(tuple(held)))
 
     def with_(self, effect: Effect) -> Members:
         """The set with one effect more; in the place of one of the same name."""
-        fewer = self.without(effect.name)
+        fewer = self._without(effect.name)
         return replace(fewer, effects=tuple(sorted((*fewer.effects, effect), key=_place)))
+
+    def _without(self, name: str) -> Members:
+        effects = tuple(e for e in self.effects if e.name != name)
+        return Members(self.base, effects, tuple(k for k in self.free if k.split(".")[0] != name))
 
     def question(self, foot: Identification) -> Identification:
         """What is asked about it: all that the foot knows, nothing else."""

@@ -23,6 +23,7 @@ from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.effects.model import Model
+from piezo_opt.effects.motion.spring import Spring
 from piezo_opt.errors import ModelError
 from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.shapes import elsewhere, own
@@ -339,7 +340,14 @@ def _moves(effect: Effect) -> bool:
 
 
 def _allowed(members: Members) -> bool:
-    """Whether a model can hold these effects together."""
+    """Whether a model can hold these effects together: what follows the velocity and is no force
+    needs a mass, as where it is scored. Of a spring without one the velocity is that of the drive,
+    which would follow from itself."""
+    still = any(isinstance(effect, Spring) for _, effect in members.base)
+    if still and any(
+        "motion" in e.requires and e.place is not Place.MOTION for e in members.effects
+    ):
+        return False
     try:
         model = members.model
     except ModelError:

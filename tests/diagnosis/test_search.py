@@ -31,6 +31,7 @@ from piezo_opt.effects import (
     DeadZone,
     Duhem,
     Effect,
+    Friction,
     HystereticForce,
     MaxwellSlip,
     Offset,
@@ -368,6 +369,30 @@ def test_another_form_of_an_effect_begins_with_what_the_effect_does() -> None:
         start for asked, start in in_detail(fit) if asked.model["charge_back_coupling"] == whole
     )
     assert start["charge_back_coupling.back"] == pytest.approx(3e3)
+
+
+def test_a_spring_goes_with_the_last_force_on_it() -> None:
+    bare = Members(STILL)
+    forced = Members(STILL + Spring()).with_(Friction()).with_(CubicStiffness())
+    assert forced.names == ("cubic_stiffness", "friction")
+    assert forced.without("friction").base == STILL + Spring()
+    assert forced.without("friction").without("cubic_stiffness") == bare
+    # One on which a force of the user's own acts stays.
+    own = Members(STILL + Spring() + Friction())
+    assert own.with_(Creep()).without("creep") == own
+
+
+def test_what_follows_the_velocity_and_is_no_force_needs_a_mass() -> None:
+    """Of a spring without one the velocity is that of the drive, which would follow from itself."""
+    time = clock(600)
+    for model, found in ((STILL, 0), (MOVING, 1)):
+        fit = fitted(model, measured(model, time, rich(time)))
+        base = model if found else model + Spring()
+        at = Members(base).with_(AmplifierLag()).with_(Friction())
+        values = {**fit.values, "amplifier_lag.share": 0.9, "amplifier_lag.tau": 2e-3}
+        there = refit(at.question(fit.question), values, 0)
+        starts = imitations(at, there, (ChargeBackCoupling(whole=True),), Book(fit, 1, 1))
+        assert len(starts) == found
 
 
 def test_on_a_spring_without_mass_a_force_stays_as_it_is() -> None:
