@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import final
 
-from piezo_opt.effects.base import Effect
+from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.catalogue import CATALOGUE
 from piezo_opt.effects.model import Model
 from piezo_opt.effects.motion.spring import Spring
@@ -42,7 +42,12 @@ class Members:
     def of(question: Identification, foot: Identification) -> Members:
         """The set that a question asks about, beside the one at the foot of the search."""
         own = set(foot.model.names)
-        base = Model(tuple((n, e) for n, e in question.model.named if n in own or e.structural))
+        base = Model(
+            tuple(
+                (n, e) for n, e in question.model.named
+                if n in own or (e.structural and not isinstance(e, Spring))
+            )
+        )  # fmt: skip
         added = [e for n, e in question.model.named if n not in own and not e.structural]
         free = tuple(sorted(k for k in question.free if k not in foot.free))
         return Members(base, tuple(sorted(added, key=_place)), free)
@@ -64,29 +69,26 @@ class Members:
 
     @property
     def model(self) -> Model:
-        """The whole model."""
+        """The whole model. Forces on a chain without mechanics act on a spring without mass, which
+        comes and goes with them: on its own it would change nothing."""
         model = self.base
+        if model.quasi_static and any(e.place is Place.MOTION for e in self.effects):
+            model = model + Spring()
         for effect in self.effects:
             model = model + effect
         return model
 
     def without(self, name: str) -> Members:
-        """The set without one effect and its details, and without a spring on which nothing acts
-        any more: without mass it is where it would be if there were none."""
-        less = self._without(name)
-        if any("motion" in e.requires for e in (*less.effects, *(e for _, e in less.base))):
-            return less
-        held = ((n, e) for n, e in less.base.named if not isinstance(e, Spring))
-        return replace(less, base=Model(tuple(held)))
+        """The set without one effect, and without its details."""
+        return Members(
+            self.base, tuple(e for e in self.effects if e.name != name),
+            tuple(k for k in self.free if k.split(".")[0] != name),
+        )  # fmt: skip
 
     def with_(self, effect: Effect) -> Members:
         """The set with one effect more; in the place of one of the same name."""
-        fewer = self._without(effect.name)
+        fewer = self.without(effect.name)
         return replace(fewer, effects=tuple(sorted((*fewer.effects, effect), key=_place)))
-
-    def _without(self, name: str) -> Members:
-        effects = tuple(e for e in self.effects if e.name != name)
-        return Members(self.base, effects, tuple(k for k in self.free if k.split(".")[0] != name))
 
     def question(self, foot: Identification) -> Identification:
         """What is asked about it: all that the foot knows, nothing else."""

@@ -343,14 +343,13 @@ def _allowed(members: Members) -> bool:
     """Whether a model can hold these effects together: what follows the velocity and is no force
     needs a mass, as where it is scored. Of a spring without one the velocity is that of the drive,
     which would follow from itself."""
-    still = any(isinstance(effect, Spring) for _, effect in members.base)
-    if still and any(
-        "motion" in e.requires and e.place is not Place.MOTION for e in members.effects
-    ):
-        return False
     try:
         model = members.model
     except ModelError:
+        return False
+    if any(isinstance(effect, Spring) for _, effect in model) and any(
+        "motion" in e.requires and e.place is not Place.MOTION for e in members.effects
+    ):
         return False
     needs = tuple(n.removeprefix("channel:") for e in members.effects for n in e.requires)
     return all(model.refusal(effect, needs) is None for effect in members.effects)

@@ -251,11 +251,7 @@ def _fewer(book: Book, best: Members) -> list[Members]:
 
 
 def _lean(book: Book, best: Members) -> Members:
-    """The set without the details that do not pay for themselves, or mechanics that do nothing.
-
-    A spring on which forces had been asked adds no number: without it the criterion is the same, as
-    far as refits are.
-    """
+    """The set without the details that do not pay for themselves, or mechanics that do nothing."""
     for free in ((), *(tuple(k for k in best.free if k != name) for name in best.free)):
         less = replace(best, free=free)
         if less not in book:
@@ -263,11 +259,10 @@ def _lean(book: Book, best: Members) -> Members:
             book.race([start], beyond=_even(book, best, less))
         if less in book and book.price(less) < book.price(best):
             return less
-    same = CLOSE * book[best].residuals.size
     for start in still(best, book[best], book.question)[:1]:
         book.race([start], beyond=book[best].rms * (1.0 + CLOSE))
         less = start.members
-        if less in book and book.price(less) < book.price(best) + same:
+        if less in book and book.price(less) < book.price(best):
             return less
     return best
 

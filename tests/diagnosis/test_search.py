@@ -45,6 +45,7 @@ from piezo_opt.effects import (
 )  # fmt: skip
 from piezo_opt.effects.base import Chain, Equations, Parameter, Place
 from piezo_opt.effects.catalogue import CATALOGUE
+from piezo_opt.effects.model import Model
 from piezo_opt.measurement import FloatArray
 from piezo_opt.symbolic import sin
 from tests.diagnosis.plants import MOVING, STILL, but, clock, fitted, measured, opened, rich
@@ -371,15 +372,34 @@ def test_another_form_of_an_effect_begins_with_what_the_effect_does() -> None:
     assert start["charge_back_coupling.back"] == pytest.approx(3e3)
 
 
-def test_a_spring_goes_with_the_last_force_on_it() -> None:
+def test_a_spring_without_mass_comes_and_goes_with_the_forces_on_it() -> None:
     bare = Members(STILL)
-    forced = Members(STILL + Spring()).with_(Friction()).with_(CubicStiffness())
-    assert forced.names == ("cubic_stiffness", "friction")
-    assert forced.without("friction").base == STILL + Spring()
-    assert forced.without("friction").without("cubic_stiffness") == bare
-    # One on which a force of the user's own acts stays.
-    own = Members(STILL + Spring() + Friction())
-    assert own.with_(Creep()).without("creep") == own
+    forced = bare.with_(Friction())
+    assert forced.model == STILL + Spring() + Friction()
+    asked = po.Identification(STILL, measured(STILL, clock(600), rich(clock(600))))
+    # Scored forces stand on a spring that was put behind the whole chain.
+    there = asked.with_model(STILL + Creep() + Spring() + Friction())
+    assert Members.of(there, asked) == forced.with_(Creep())
+    assert forced.with_(Creep()).without("friction") == bare.with_(Creep())
+    # The user's own stays, and mechanics with a mass need none.
+    own = asked.with_model(STILL + Spring())
+    assert Members.of(own, own).with_(Creep()).without("creep").model == STILL + Spring()
+    assert Members(MOVING).with_(Friction()).model == MOVING + Friction()
+
+
+@pytest.mark.parametrize("base", [STILL, STILL + Spring()])
+def test_a_force_is_named_where_a_record_is_too_slow_for_its_resonance(base: Model) -> None:
+    time = clock()
+    drive = rich(time) + 3.0 * np.sin(2.0 * np.pi * 5.0 * time)
+    slipping = Friction(), {"F": 0.5, "z0": 3e-7}
+    record = measured(STILL + Spring(), time, drive, slipping)
+    found = diagnose(fitted(base, record), withhold=but("friction"), threads=1, advise=False)
+    (step,) = found.steps
+    assert found.verdict == "missing"
+    assert step.name == "friction"
+    assert found.final.model == STILL + Spring() + Friction()
+    assert found.final.rms < 1.05 * NOISE < 0.3 * found.fit.rms
+    assert found.ladder[-1].label == "+ friction"
 
 
 def test_what_follows_the_velocity_and_is_no_force_needs_a_mass() -> None:
@@ -387,8 +407,7 @@ def test_what_follows_the_velocity_and_is_no_force_needs_a_mass() -> None:
     time = clock(600)
     for model, found in ((STILL, 0), (MOVING, 1)):
         fit = fitted(model, measured(model, time, rich(time)))
-        base = model if found else model + Spring()
-        at = Members(base).with_(AmplifierLag()).with_(Friction())
+        at = Members(model).with_(AmplifierLag()).with_(Friction())
         values = {**fit.values, "amplifier_lag.share": 0.9, "amplifier_lag.tau": 2e-3}
         there = refit(at.question(fit.question), values, 0)
         starts = imitations(at, there, (ChargeBackCoupling(whole=True),), Book(fit, 1, 1))
