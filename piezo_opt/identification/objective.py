@@ -67,7 +67,8 @@ class Linearised:
     @property
     def usable(self) -> bool:
         """Whether squares are finite: those of a simulation that diverges are not."""
-        return bool(self.squares < DIVERGED and self.normal[1].trace() < DIVERGED)
+        with np.errstate(over="ignore"):
+            return bool(self.squares < DIVERGED and self.normal[1].trace() < DIVERGED)
 
 
 @final

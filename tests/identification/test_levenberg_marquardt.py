@@ -74,6 +74,12 @@ def descended(valley: Valley, **choices: Any) -> tuple[FloatArray, Ending, str]:
     return solution.theta, solution.ending, solution.sentence
 
 
+def test_derivatives_whose_squares_overflow_are_of_no_use() -> None:
+    """Each is a number, their sum is none; the console hears nothing of it."""
+    assert Linearised(np.zeros(2), np.eye(2)).usable
+    assert not Linearised(np.zeros(2), 1e154 * np.eye(2)).usable
+
+
 def test_the_end_of_a_zero_residual_problem_is_quadratic() -> None:
     valley = Valley()
     theta, ending, _ = descended(valley)
