@@ -42,6 +42,7 @@ class TimeLimit:
         self._timer: threading.Timer | None = None
         self._before: Any = None
         self._interrupted = False
+        self._timed = False
 
     @property
     def passed(self) -> bool:
@@ -54,12 +55,12 @@ class TimeLimit:
         return None if self._end is None else max(1e-3, self._end - time.monotonic())
 
     def check(self) -> None:
-        """Interrupt when the time is over.
+        """Interrupt when the time is over, or the block was interrupted, and threads are at work.
 
         Raises:
-            KeyboardInterrupt: it is.
+            KeyboardInterrupt: it is, or was.
         """
-        if self.passed:
+        if self.passed or self._interrupted:
             raise KeyboardInterrupt
 
     def checking(self, tell: Callable[[str], None]) -> Callable[[str], None]:
@@ -105,8 +106,11 @@ class TimeLimit:
 
     def _heard(self, number: int, frame: FrameType | None) -> None:
         self._interrupted = True
-        if callable(self._before) and self._before is not signal.default_int_handler:
-            self._before(number, frame)
+        timed, self._timed = self._timed, False
+        # The end of this block's own time is no business of whoever listened before.
+        before = None if timed else self._before
+        if callable(before) and before is not signal.default_int_handler:
+            before(number, frame)
             return
         raise KeyboardInterrupt
 
@@ -115,6 +119,7 @@ class TimeLimit:
         with self._lock:
             main = threading.main_thread().ident
             if self._timer is not None and main is not None:
+                self._timed = True
                 signal.pthread_kill(main, signal.SIGINT)
 
 

@@ -22,7 +22,7 @@ from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import RESOLUTION, WORTH, charge, criterion, numbers
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.noise import is_noise
-from piezo_opt.diagnosis.refit import SETTLED, refit
+from piezo_opt.diagnosis.refit import SETTLED, Halted, refit
 from piezo_opt.diagnosis.richer import freed
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification, is_lag
@@ -78,6 +78,7 @@ class Book:
         better: called with the best fit, where it is another one than before.
         least: the least that an effect must explain; a fit that leaves less than that beside noise
             tells the noise's colour.
+        check: called at each iteration of a fit; interrupts it where the time is over.
     """
 
     def __init__(
@@ -87,6 +88,7 @@ class Book:
         threads: int,
         better: Callable[[Fit], None] = lambda _: None,
         least: float = WORTH,
+        check: Callable[[], None] | None = None,
     ) -> None:
         self._least = least
         self.foot = foot
@@ -100,8 +102,8 @@ class Book:
         self._concluding = False
         self.refits = 0
         self.brief = False
-        """Whether no fit goes on after its first iterations: after an interrupt what the answer
-        still needs is fitted so."""
+        """Whether no fit goes on after its first iterations."""
+        self._check = check
         self._closest = self._told = foot
         self._better = better
         self._choices = choices
@@ -112,6 +114,12 @@ class Book:
         self._bases: dict[tuple[str, ...], Values | None] = {}
         self._keeping = Lock()
         self._prices: dict[Members, tuple[Fit, Colour, float]] = {}
+
+    def hurry(self) -> None:
+        """After an interrupt: what the answer still needs is fitted in its first iterations, which
+        no limit ends."""
+        self.brief = True
+        self._check = None
 
     def __contains__(self, members: Members) -> bool:
         return members in self._fits
@@ -330,13 +338,10 @@ class Book:
             return start, None
         fit = None
         with suppress(*NO_FIT):
-            self.refits += 1
             question = start.members.question(self.question)
-            fit = refit(
-                question, _own(values, question), _FIRST, mend=False, most=self._most,
-                tolerance=self._tolerance,
-            )  # fmt: skip
-            self.keep(start.members, fit)
+            fit = self._refitted(
+                start.members, question, _own(values, question), _FIRST, mend=False
+            )
         return start, fit
 
     def _further(self, running: tuple[Start, Fit], iterations: int) -> tuple[Start, Fit | None]:
@@ -346,10 +351,22 @@ class Book:
         return start, None
 
     def _went_on(self, members: Members, fit: Fit, iterations: int) -> Fit:
+        return self._refitted(members, fit.question, fit.values, iterations)
+
+    def _refitted(
+        self, members: Members, question: Identification, start: Mapping[str, float],
+        iterations: int, *, mend: bool = True,
+    ) -> Fit:  # fmt: skip
+        """A refit of a set, written down, also where it was interrupted on its way."""
         self.refits += 1
-        fit = refit(
-            fit.question, fit.values, iterations, most=self._most, tolerance=self._tolerance
-        )
+        try:
+            fit = refit(
+                question, start, iterations, mend=mend, most=self._most,
+                tolerance=self._tolerance, check=self._check,
+            )  # fmt: skip
+        except Halted as halted:
+            self.keep(members, halted.fit)
+            raise
         self.keep(members, fit)
         return fit
 

@@ -314,8 +314,7 @@ def diagnose(
         worth: the least that an effect must explain of what is left when it is taken out again, to
             bear a name: sqrt(SSR without / SSR with - 1).
         max_time: seconds after which no more is begun, and the best so far is given; unless told a
-            minute and 2 ms a sample, ``math.inf`` for no limit. What is being refitted when it
-            passes is finished first.
+            minute and 2 ms a sample, ``math.inf`` for no limit.
         progress: called with sentences about what is going on.
         better: called with the best fit of the search so far, without its statistics, each time
             that another one is ahead.
@@ -361,7 +360,7 @@ def diagnose(
     tell = limit.checking(progress if progress is not None else _silent)
     if not isinstance(fit, Fit):
         tell("fitting the base model")
-        fit = _baseline(fit, remarks)
+        fit = _baseline(fit, remarks, limit.left)
     offered = [
         *(
             form
@@ -391,7 +390,8 @@ def diagnose(
         with limit:
             answer = told(searched.book, searched.suspects, worth, judge)
     except KeyboardInterrupt:
-        interrupted = searched.book.brief = True
+        interrupted = True
+        searched.book.hurry()
         answer = told(searched.book, searched.suspects, worth, judge)
     final = fit if answer.final is fit else with_statistics(answer.final)
     floor = noise_floor(final)
@@ -489,9 +489,9 @@ def _budget(question: Identification) -> float:
     return 60.0 + 2e-3 * sum(record.time.size for record in question.campaign.records)
 
 
-def _baseline(asked: Identification, remarks: tuple[str, ...]) -> Fit:
+def _baseline(asked: Identification, remarks: tuple[str, ...], seconds: float | None) -> Fit:
     """The fit of a question, with what its default model leaves out."""
-    fit = solve(asked)
+    fit = solve(asked, max_time=seconds)
     if fit.outcome.ending is Ending.INTERRUPTED:
         raise KeyboardInterrupt
     return replace(fit, remarks=(*remarks, *fit.remarks))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import final
 
 from piezo_opt.identification import (
     Ending,
@@ -22,9 +23,19 @@ SETTLED = 80
 """Iterations after which a fit that is built upon has converged or never will."""
 
 
+@final
+class Halted(KeyboardInterrupt):
+    """A refit was interrupted, and the search with it; ``fit`` is the best so far."""
+
+    def __init__(self, fit: Fit) -> None:
+        super().__init__()
+        self.fit = fit
+
+
 def refit(
     question: Identification, start: Mapping[str, float], iterations: int, *, mend: bool = True,
     most: float = float("inf"), tolerance: float = TOLERANCE,
+    check: Callable[[], None] | None = None,
 ) -> Fit:  # fmt: skip
     """Fit from given values, without statistics.
 
@@ -35,9 +46,10 @@ def refit(
         mend: whether sub-steps that have become too coarse are chosen anew.
         most: sub-steps a sample beyond which there is no such fit.
         tolerance: error of the scheme as a share of the reading's range, with which it begins.
+        check: called at each iteration; interrupts the fit where its time is over.
 
     Raises:
-        KeyboardInterrupt: somebody interrupted it; the search ends, not only this fit.
+        Halted: it was interrupted; the search ends, not only this fit.
         ModelError, InputError, ArithmeticError: there is no such fit.
     """
     solver = LevenbergMarquardt(iterations=iterations, tolerance=CLOSE)
@@ -45,7 +57,10 @@ def refit(
         refine=False, mend=float("inf") if mend else 0.0, most=most, tolerance=tolerance
     )
     begun = Values(start)
-    fit = solve(question, start=begun, solver=solver, transcription=coarse, statistics=False)
+    fit = solve(
+        question, start=begun, solver=solver, transcription=coarse, statistics=False,
+        progress=None if check is None else lambda _: check(),
+    )  # fmt: skip
     if fit.outcome.ending is Ending.INTERRUPTED:
-        raise KeyboardInterrupt
+        raise Halted(fit)
     return fit

@@ -84,7 +84,7 @@ def search(
             neighbours were asked elsewhere: of one that leaves only noise, only details are.
         better: called with the best fit so far, where it is another one than before.
     """
-    book = Book(foot, len(offered), threads, better, least)
+    book = Book(foot, len(offered), threads, better, least, limit.check)
     run = _Run(book, Frontier(book, effort, least), offered, withheld, effort, least, threads)
     try:
         with limit:
@@ -101,7 +101,7 @@ def search(
             if run.seen_in is not book.colour:
                 run.look(book.base)
     except KeyboardInterrupt:
-        book.brief = True
+        book.hurry()
         return Searched(book, run.suspects, run.unscored, True)
     return Searched(book, run.suspects, run.unscored, False)
 

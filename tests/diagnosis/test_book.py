@@ -60,6 +60,29 @@ def test_who_does_not_promise_to_come_near_the_best_is_left_after_five_iteration
     assert book[near].rms == pytest.approx(NOISE, rel=0.05)
 
 
+def test_a_fit_is_interrupted_on_its_way_and_what_it_has_reached_is_kept() -> None:
+    passed = []
+
+    def check() -> None:
+        passed.append(1)
+        if len(passed) > 3:
+            raise KeyboardInterrupt
+
+    fit = opened(CREEPING).foot
+    book = Book(fit, 1, 1, check=check)
+    members = book.base.with_(Creep(1))
+    with pytest.raises(KeyboardInterrupt):
+        book.race([Start(members, None)])
+    assert book[members].trace.rms.size == 4
+    assert book[members].rms == pytest.approx(book[members].trace.rms[-1], rel=1e-3)
+    assert book[members].rms < 0.5 * fit.rms
+    book.hurry()
+    less_creep = {**book[members].values, "creep.c": 0.0}
+    book.race([Start(members, less_creep)])
+    assert len(passed) == 4
+    assert book.refits == 2
+
+
 def test_a_law_that_was_led_astray_is_begun_again() -> None:
     """A sum of plays that was fitted with a width far too large, beside an effect."""
     time = clock(1200, 100.0)

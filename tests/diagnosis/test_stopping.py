@@ -69,6 +69,35 @@ def test_a_process_in_the_background_is_deaf_to_interrupts_and_limited_all_the_s
         signal.signal(signal.SIGINT, before)
 
 
+def test_threads_at_work_hear_that_their_block_was_interrupted() -> None:
+    outer, heard = TimeLimit(None), threading.Event()
+
+    def work() -> None:
+        try:
+            while not heard.wait(0.001):
+                outer.check()
+        except KeyboardInterrupt:
+            heard.set()
+
+    def interrupted() -> None:
+        with outer, Pool(max_workers=1) as pool:
+            pool.submit(work)
+            signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+            time.sleep(5.0)
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert heard.is_set()
+    outer.check()  # and nobody after it
+
+
+def test_the_end_of_an_inner_block_does_not_end_the_outer_one() -> None:
+    with TimeLimit(60.0) as outer:
+        with pytest.raises(KeyboardInterrupt), TimeLimit(0.05):
+            threading.Event().wait(5.0)
+        outer.check()
+
+
 @pytest.mark.parametrize("limit", [0.05, None])
 def test_an_interrupt_that_a_library_turns_into_an_error_is_one_all_the_same(
     limit: float | None,
