@@ -27,9 +27,8 @@ from piezo_opt.diagnosis.richer import freed
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification, is_lag
 from piezo_opt.identification.monitor import Monitor
-from piezo_opt.identification.objective import ENOUGH_A_SAMPLE
+from piezo_opt.identification.objective import ENOUGH_A_SAMPLE, FINEST
 from piezo_opt.identification.starting import starting_values
-from piezo_opt.simulation import TOLERANCE
 from piezo_opt.stopping import Pool
 from piezo_opt.values import Values
 
@@ -163,6 +162,14 @@ class Book:
             known = (fit, self.colour, self._criterion(members, fit))
             self._prices[members] = known
         return known[2]
+
+    def fall(self, less: Members, more: Members) -> float:
+        """By how much the criterion falls from one set to another, whatever their mechanics do."""
+        before, after = (
+            criterion(self._fits[m], self.colour, len(m.effects), self._choices)
+            for m in (less, more)
+        )
+        return before - after
 
     def bound(self, members: Members, more: int = 0) -> float:
         """The least criterion that a set can have, if it leaves no less than the best set does.
@@ -330,7 +337,7 @@ class Book:
         """Error of the scheme as a share of the reading's range: a tenth of what the closest fit
         leaves."""
         span = max(float(np.ptp(record.position)) for record in self.foot.records)
-        return max(TOLERANCE, _OF_WHAT_IS_LEFT * self._closest.rms / (span or 1.0))
+        return max(FINEST, _OF_WHAT_IS_LEFT * self._closest.rms / (span or 1.0))
 
     def _first(self, start: Start) -> tuple[Start, Fit | None]:
         values = self.fresh(start.members) if start.values is None else start.values

@@ -167,6 +167,29 @@ def laws(at: Members, fit: Fit, withheld: Sequence[str], book: Book) -> list[Sta
     return found
 
 
+def at_home(at: Members, fit: Fit, book: Book) -> list[Start]:
+    """The base model's own law in the place of another one, with its details and without: from what
+    that one does there, and from where the own law ended in the best set that it was fitted in."""
+    own_law = book.base.law
+    if own_law is None or at.law is None or at.law == own_law:
+        return []
+    law = book.base.base[own_law]
+    kept = {k: v for k, v in fit.values.items() if not k.startswith("initial.")}
+    details = freed(own_law, law, book.question.campaign.records[0])
+    known = next((own(book[m].values, own_law) for m in book.sets if m.law == own_law), {})
+    alike = law.like(at.law, own(fit.values, at.law))
+    rest = tuple(k for k in at.free if k.split(".")[0] != at.law)
+    base = at.base.replaced(at.law, law)
+    return [
+        Start(
+            replace(at, base=base, free=tuple(sorted({*rest, *free}))),
+            {**kept, **free, **{f"{own_law}.{k}": v for k, v in begun.items()}},
+        )
+        for free in (({}, details) if details else ({},))
+        for begun in ([known] if alike is None else [known, dict(alike)])
+    ]
+
+
 def anew(fit: Fit, book: Book) -> list[Start]:
     """The set with its law begun again, from several widths and from where it stands, with each of
     the histories from which its plays may begin: what was missing when it was fitted first may have

@@ -37,7 +37,8 @@ def points(
     """The ladder from its foot up; empty where nothing changed the model.
 
     What changed the model without being an effect of its own (mechanics that joined, another
-    hysteresis law, an exponent freed, an effect given another shape) is a point of its own.
+    hysteresis law, an exponent freed, an effect given another shape) is a point of its own; details
+    of an effect that was added came with it.
 
     Args:
         foot: the baseline.
@@ -48,13 +49,16 @@ def points(
         refined: what was needed in more detail.
     """
     joined = {name for name, effect in model if effect.structural and name not in base}
-    ways = _in_detail([*sorted(joined - set(refined)), *refined], joined)
+    own = {s.name: [k for k in refined if k.startswith(f"{s.name}.")] for s in steps}
+    alone = [k for k in refined if k.split(".")[0] not in own]
+    ways = _in_detail([*sorted(joined - set(refined)), *alone], joined)
     between = ", ".join(ways) or "reshaped"
     found = [foot]
     for step in steps:
         if not _same(step.rms_before, found[-1].rms):
             found.append(Point(between, step.rms_before, step.held_out_before))
-        found.append(Point(f"+ {step.name}", step.rms_after, step.held_out_after, step.delta_bic))
+        label = f"+ {_with_details(step.name, own[step.name])}"
+        found.append(Point(label, step.rms_after, step.held_out_after, step.delta_bic))
     if not _same(final.rms, found[-1].rms):
         found.append(Point(between, final.rms, final.held_out))
     return tuple(found) if len(found) > 1 else ()
@@ -71,6 +75,12 @@ def _in_detail(refined: Sequence[str], joined: Collection[str]) -> list[str]:
         else f"{freed[0]} free" if len(freed) == 1 else f"{effect} in detail"
         for effect, freed in own.items()
     ]  # fmt: skip
+
+
+def _with_details(name: str, details: Sequence[str]) -> str:
+    if not details:
+        return name
+    return f"{name}, {details[0].split('.')[1]} free" if len(details) == 1 else f"{name} in detail"
 
 
 def _same(one: float, other: float) -> bool:

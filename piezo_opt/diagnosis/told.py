@@ -11,7 +11,7 @@ from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.evidence import RESOLUTION, remaining, worth
 from piezo_opt.diagnosis.judge import Judge
 from piezo_opt.diagnosis.members import Members
-from piezo_opt.diagnosis.moves import still
+from piezo_opt.diagnosis.moves import at_home, still
 from piezo_opt.diagnosis.refit import CLOSE
 from piezo_opt.diagnosis.scores import Suspect
 from piezo_opt.effects.base import Effect
@@ -133,10 +133,10 @@ def told(book: Book, suspects: Sequence[Suspect], least: float, judge: Judge) ->
     """
     book.conclude()
     _lean_rivals(book)
-    worthy, slight = _worthy(book, _at_home(book), least)
+    worthy, slight = _worthy(book, _at_home(book, book.best), least)
     while (plainer := _plainer(book, worthy)) is not None:
-        worthy, slight = _worthy(book, plainer, least)
-    best = _likeliest(book, worthy, suspects)
+        worthy, slight = _worthy(book, _at_home(book, plainer), least)
+    best = _at_home(book, _likeliest(book, worthy, suspects))
     slight = tuple(one for one in slight if one[0] not in best.names)
     steps = _steps(book, best, suspects, least, judge)
     return Told(
@@ -168,10 +168,17 @@ def _even(book: Book, more: Members, less: Members) -> float:
     return book[more].rms * math.exp(0.5 * lost)
 
 
-def _at_home(book: Book) -> Members:
-    """The best set; with the base model's own law where the criterion cannot tell it from that."""
-    best = book.best
-    even = (m for m in book.level if m.names == best.names and m.law == book.base.law)
+def _at_home(book: Book, best: Members) -> Members:
+    """A set with the base model's own law, where the criterion cannot tell it from that.
+
+    Beside what the set found beside another law the own one may never have been fitted.
+    """
+    book.race(at_home(best, book.settled(best), book))
+    even = (
+        m for m in book.leading
+        if (m.names, m.law) == (best.names, book.base.law)
+        and book.price(m) - book.price(best) < RESOLUTION
+    )  # fmt: skip
     return next(even, best)
 
 
@@ -202,7 +209,7 @@ def _worthy(
             if book.price(less) - book.price(best) > RESOLUTION:
                 (name,) = {*best.names} - {*less.names}
                 slight.append((name, explains))
-            best = book.best_with(less.names)
+            best = _at_home(book, book.best_with(less.names))
             continue
         lean = _lean(book, best)
         if lean == best:
@@ -278,7 +285,7 @@ def _steps(
     below = best
     for name in best.names:
         below = below.without(name)
-    if below not in book:
+    if below not in book or book[below].rms > book.foot.rms:  # which a fit may have got stuck above
         book.race([Start(below, dict(book.foot.values)), Start(below, None)])
     found: list[Step] = []
     while below in book and len(found) < len(best.effects):
@@ -306,7 +313,7 @@ def _steps(
                 name=effect.name, effect=effect,
                 alternatives=_alternatives(book, best, effect.name, least),
                 rms_before=before.rms, rms_after=after.rms, held_out_before=judge.error(before),
-                held_out_after=judge.error(after), delta_bic=book.price(below) - book.price(more),
+                held_out_after=judge.error(after), delta_bic=book.fall(below, more),
                 p_value=p_value, fit=with_statistics(after),
             )
         )  # fmt: skip

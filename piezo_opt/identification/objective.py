@@ -29,7 +29,7 @@ _STRAYED = 0.5
 """Change of the reading over the residual at which sub-steps are too coarse even to compare, for an
 eighth of the error is the scheme's..."""
 _BEYOND = 4.0
-"""...unless it is below so many times what they were chosen for."""
+"""...unless it is below so many times the error with which they were chosen."""
 
 
 @final
@@ -144,8 +144,7 @@ class Objective:
         share = 0.1 * rms / np.sqrt(max(1, self.samples))
         for i, simulator in enumerate(self.simulators):
             theta_i = self.unknowns.of_record(i, theta)
-            span = float(np.ptp(self.question.campaign.records[i].position)) or 1.0
-            tolerance = float(np.clip(share / span, FINEST, TOLERANCE))
+            tolerance = self._tolerance(i, share)
             before = simulator.accuracy.substeps
             most = max(MOST_A_SAMPLE * self.counted[i].size, 4 * simulator.substeps(theta_i))
             chosen = simulator.choose(theta_i, tolerance, most)
@@ -156,6 +155,11 @@ class Objective:
             simulator.accuracy = chosen
         return coarser
 
+    def _tolerance(self, i: int, error: float) -> float:
+        """A scheme error [m] as a share of a record's range, no coarser than usual."""
+        span = float(np.ptp(self.question.campaign.records[i].position)) or 1.0
+        return float(np.clip(error / span, FINEST, TOLERANCE))
+
     def mended(self, theta: FloatArray, point: Linearised | None = None) -> bool:
         """Choose anew, at a point, sub-steps that have become far too coarse; True for any.
 
@@ -163,18 +167,23 @@ class Objective:
             theta: the point.
             point: what is known there; simulated unless given.
         """
-        astray = self.strayed(theta, self.readings(theta) if point is None else point.readings)
+        readings = self.readings(theta) if point is None else point.readings
+        astray = self.strayed(theta, readings)
+        admissible = 0.1 * self.rms(self._residual(readings, theta))
         for i in astray:
             simulator = self.simulators[i]
             most = ENOUGH_A_SAMPLE * self.counted[i].size
-            simulator.accuracy = simulator.choose(self.unknowns.of_record(i, theta), most=most)
+            tolerance = self._tolerance(i, admissible)
+            simulator.accuracy = simulator.choose(
+                self.unknowns.of_record(i, theta), tolerance, most
+            )
         return bool(astray)
 
     def strayed(self, theta: FloatArray, readings: Sequence[FloatArray]) -> list[int]:
         """Records whose sub-steps have become far too coarse, even to compare models by.
 
         Those are sub-steps that, each cut in two, change the reading by a good part of the
-        residual, and by far more than they were chosen for.
+        residual, and by far more than where they were chosen.
 
         Args:
             theta: a point.
@@ -185,7 +194,8 @@ class Objective:
         for i, simulator in enumerate(self.simulators):
             span = float(np.ptp(self.question.campaign.records[i].position))
             change = simulator.halving(self.unknowns.of_record(i, theta), readings[i])
-            if not change <= max(_STRAYED * rms, _BEYOND * TOLERANCE * span):
+            chosen_for = max(simulator.accuracy.error, FINEST * span)
+            if not change <= max(_STRAYED * rms, _BEYOND * chosen_for):
                 astray.append(i)
         return astray
 

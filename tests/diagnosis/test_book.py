@@ -25,6 +25,7 @@ from piezo_opt.effects import (
     PrandtlIshlinskii,
     Preisach,
     Saturation,
+    SensorLag,
 )  # fmt: skip
 from tests.diagnosis.plants import MOVING, NOISE, STILL, clock, measured, opened, rich
 
@@ -81,6 +82,21 @@ def test_a_fit_is_interrupted_on_its_way_and_what_it_has_reached_is_kept() -> No
     book.race([Start(members, less_creep)])
     assert len(passed) == 4
     assert book.refits == 2
+
+
+def test_sub_steps_are_as_fine_as_what_is_left_asks_for() -> None:
+    """A resonance that is swept through: its range is large, and noise far below a usual share."""
+    time, noise = clock(2000, 2000.0), 0.2 * NOISE
+    sweep = 20.0 * np.sin(2.0 * np.pi * (10.0 + 100.0 * time) * time)
+    record = measured(MOVING, time, sweep, CREEPING, noise=noise)
+    fit = po.solve(po.Identification(MOVING + Creep(1), record))
+    assert fit.rms == pytest.approx(noise, rel=0.1)
+    book = Book(fit, 1, 1)
+    lagging = book.base.with_(SensorLag())
+    begun = {**fit.values, "sensor_lag.share": 1e-3, "sensor_lag.tau": 1e-3}
+    book.race([Start(lagging, begun)])
+    assert book[lagging].accuracy[0].error < 0.2 * noise
+    assert book[lagging].rms == pytest.approx(fit.rms, rel=0.02)
 
 
 def test_a_law_that_was_led_astray_is_begun_again() -> None:

@@ -37,6 +37,16 @@ def test_it_begins_at_the_baseline_also_where_mechanics_joined_before_the_first_
     )
 
 
+@pytest.mark.parametrize(
+    ("details", "label"),
+    [((), "+ creep"), (("creep.power",), "+ creep, power free"),
+     (("creep.power", "creep.spread"), "+ creep in detail")],
+)  # fmt: skip
+def test_details_of_an_effect_come_with_it(details: tuple[str, ...], label: str) -> None:
+    ladder = told(step("creep", 4.0, 2.0), final=2.0, refined=("bouc_wen.n", *details))
+    assert [point.label for point in ladder[1:]] == ["n free", label]
+
+
 def test_another_hysteresis_law_is_a_point_of_its_own() -> None:
     assert told(final=4.0, model=STILL.replaced("bouc_wen", PrandtlIshlinskii())) == (
         FOOT,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -9,9 +10,10 @@ import pytest
 from piezo_opt.diagnosis.book import Start
 from piezo_opt.diagnosis.evidence import RESOLUTION
 from piezo_opt.diagnosis.judge import Judge
+from piezo_opt.diagnosis.refit import refit
 from piezo_opt.diagnosis.told import told
-from piezo_opt.effects import Creep, SensorLag
-from tests.diagnosis.plants import opened
+from piezo_opt.effects import Creep, GeneralisedBoucWen, SecondOrder, SensorLag
+from tests.diagnosis.plants import NOISE, opened
 
 
 def test_details_that_do_not_pay_do_not_make_a_rival_dear() -> None:
@@ -39,3 +41,33 @@ def test_of_answers_that_are_even_the_one_with_fewer_names_is_told(strength: flo
     # However little an effect must explain, its name is not told for nothing.
     answer = told(book, (), 1e-9, Judge(None))
     assert [step.name for step in answer.steps] == ["creep"] * (not even)
+
+
+def test_another_law_that_is_even_with_the_own_one_is_not_told() -> None:
+    """Though the own one was never fitted beside the effect that was found."""
+    book = opened((Creep(1), {"c": 0.1, "tau": 0.1}))
+    base = book.base.base.replaced("bouc_wen", GeneralisedBoucWen())
+    other = replace(book.base, base=base).with_(Creep(1))
+    book.race([Start(other, None)])
+    assert book.best == other
+    assert book[other].rms == pytest.approx(NOISE, rel=0.1)
+    answer = told(book, (), 0.35, Judge(None))
+    assert answer.members.law == "bouc_wen"
+    assert answer.final.rms == pytest.approx(book[other].rms, rel=0.01)
+    assert answer.final.values["bouc_wen.beta"] == pytest.approx(0.03, rel=0.05)
+    assert [step.name for step in answer.steps] == ["creep"]
+
+
+def test_a_step_on_mechanics_that_do_not_ring_has_a_figure() -> None:
+    book = opened((Creep(1), {"c": 0.1, "tau": 0.1}))
+    slow = replace(book.base, base=book.base.base + SecondOrder())
+    begun = {**book.foot.values, "second_order.omega": 600.0, "second_order.zeta": 1.5}
+    held = {"creep.c": 0.1, "creep.tau": 0.1}
+    more = slow.with_(Creep(1))
+    for members, values in ((slow, begun), (more, {**begun, **held})):
+        book.keep(members, refit(members.question(book.question), values, 0))
+    assert book.price(slow) == math.inf
+    samples = sum(book.colour.lengths)
+    gained = samples * math.log((book[slow].rms / book[more].rms) ** 2)
+    asked = 3.0 * math.log(samples)  # for its strength, its time, and where it begins
+    assert book.fall(slow, more) == pytest.approx(gained - asked)

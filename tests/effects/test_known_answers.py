@@ -203,6 +203,21 @@ def test_the_whole_port_is_the_lag_and_the_charge_that_comes_back() -> None:
     np.testing.assert_allclose(port, reading, rtol=0, atol=1e-9 * np.ptp(reading))
 
 
+def test_the_normalised_loop_is_the_classical_one_in_other_parameters() -> None:
+    time = np.arange(800) * 1e-3
+    drive = 30.0 * time * np.sin(2.0 * np.pi * 4.0 * time) + 20.0
+    own = {"kappa": 7e-7, "rho": 0.04, "sigma": 0.8, "n": 1.3}
+    normalised = {f"generalised_bouc_wen.{k}": v for k, v in own.items()}
+    loop, _ = respond(PiezoGain() + GeneralisedBoucWen(), time, drive, normalised, 1e-5)
+    does = BoucWen().like("generalised_bouc_wen", own) or {}
+    classical = {f"bouc_wen.{k}": v for k, v in does.items()}
+    reading, _ = respond(PiezoGain() + BoucWen(), time, drive, classical, 1e-5)
+    np.testing.assert_allclose(reading, loop, rtol=0, atol=1e-6 * np.ptp(loop))
+    plain = BoucWen().like("generalised_bouc_wen", {**own, "n": 1.0})
+    assert plain == pytest.approx({"alpha": 2.8e-8, "beta": 0.032, "gamma": 0.008, "n": 1.0})
+    assert BoucWen().like("dahl", own) is None
+
+
 def test_before_linear_mechanics_a_lag_is_what_it_is_behind_them() -> None:
     """What is linear may change places; so each begins at what the other has been found to do."""
     time = np.arange(400) * 1e-4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -45,6 +46,21 @@ class BoucWen(Effect):
         "m", "displacement at which the exponent makes no difference", nominal=1e-6,
         bounds=(1e-12, 1.0), fixed=True,
     )  # fmt: skip
+
+    def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
+        """The normalised form written with the classical parameters.
+
+        alpha = rho kappa,   beta = rho sigma s,   gamma = rho (1 - sigma) s
+        s = (h_s / kappa)^(n-1)
+        """
+        if other != "generalised_bouc_wen":
+            return None
+        rho, kappa, n = own["rho"], own["kappa"], own["n"]
+        turned = rho * (self.parameters["h_s"].nominal / kappa) ** (n - 1.0)
+        return {
+            "alpha": rho * kappa, "beta": turned * own["sigma"],
+            "gamma": turned * (1.0 - own["sigma"]), "n": n,
+        }  # fmt: skip
 
     def equations(self, chain: Chain, x: Any, p: Any) -> Equations:
         """The loop's rate, and its contribution to the free displacement."""
