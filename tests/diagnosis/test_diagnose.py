@@ -277,7 +277,7 @@ def test_an_interrupted_first_fit_is_not_diagnosed(
     creeping: po.Fit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stopped = replace(creeping, outcome=replace(creeping.outcome, ending=Ending.INTERRUPTED))
-    monkeypatch.setattr(module, "solve", lambda _: stopped)
+    monkeypatch.setattr(module, "solve", lambda _, max_time: stopped)  # noqa: ARG005
     with pytest.raises(KeyboardInterrupt):
         diagnose(creeping.question)
 
