@@ -27,7 +27,7 @@ from piezo_opt.diagnosis.richer import freed
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification, is_lag
 from piezo_opt.identification.monitor import Monitor
-from piezo_opt.identification.objective import ENOUGH_A_SAMPLE, FINEST
+from piezo_opt.identification.objective import ENOUGH_A_SAMPLE, FINEST, OF_WHAT_IS_LEFT
 from piezo_opt.identification.starting import starting_values
 from piezo_opt.stopping import Pool
 from piezo_opt.values import Values
@@ -45,8 +45,6 @@ _DOUBT = 2.0
 """Error that a full step promises over that of the best one, beyond which a rival is left: four
 times the squares. A linear model that is off by more than a factor of four is no guide in the usual
 test of a step either (More 1978, Lecture Notes in Mathematics 630: a ratio below a quarter)."""
-_OF_WHAT_IS_LEFT = 0.1
-"""Error of the scheme over what the closest fit leaves: another noise that adds half a per cent."""
 _FALLING = 0.95
 """Error over that before as many iterations again, above which a fit hardly falls any more: the
 twentieth part of its error is what it would have to lose in each of them."""
@@ -206,7 +204,9 @@ class Book:
         """A set at the values of another fit; None where it cannot be simulated there."""
         question = members.question(self.question)
         with suppress(*NO_FIT):
-            return refit(question, _own(beside.values, question), 0, mend=False)
+            return refit(
+                question, _own(beside.values, question), 0, mend=False, tolerance=self._tolerance
+            )
         return None
 
     def keep(self, members: Members, fit: Fit) -> None:
@@ -337,7 +337,7 @@ class Book:
         """Error of the scheme as a share of the reading's range: a tenth of what the closest fit
         leaves."""
         span = max(float(np.ptp(record.position)) for record in self.foot.records)
-        return max(FINEST, _OF_WHAT_IS_LEFT * self._closest.rms / (span or 1.0))
+        return max(FINEST, OF_WHAT_IS_LEFT * self._closest.rms / (span or 1.0))
 
     def _first(self, start: Start) -> tuple[Start, Fit | None]:
         values = self.fresh(start.members) if start.values is None else start.values

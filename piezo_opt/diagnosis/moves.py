@@ -173,9 +173,10 @@ def at_home(at: Members, fit: Fit, book: Book) -> list[Start]:
     own_law = book.base.law
     if own_law is None or at.law is None or at.law == own_law:
         return []
-    law = book.base.base[own_law]
+    law, told = book.base.base[own_law], {*book.question.free, *book.question.fixed}
     kept = {k: v for k, v in fit.values.items() if not k.startswith("initial.")}
     details = freed(own_law, law, book.question.campaign.records[0])
+    details = {k: v for k, v in details.items() if k not in told}
     known = next((own(book[m].values, own_law) for m in book.sets if m.law == own_law), {})
     alike = law.like(at.law, own(fit.values, at.law))
     rest = tuple(k for k in at.free if k.split(".")[0] != at.law)

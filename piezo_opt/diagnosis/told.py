@@ -133,9 +133,9 @@ def told(book: Book, suspects: Sequence[Suspect], least: float, judge: Judge) ->
     """
     book.conclude()
     _lean_rivals(book)
-    worthy, slight = _worthy(book, _at_home(book, book.best), least)
+    worthy, slight = _worthy(book, book.best, least)
     while (plainer := _plainer(book, worthy)) is not None:
-        worthy, slight = _worthy(book, _at_home(book, plainer), least)
+        worthy, slight = _worthy(book, plainer, least)
     best = _at_home(book, _likeliest(book, worthy, suspects))
     slight = tuple(one for one in slight if one[0] not in best.names)
     steps = _steps(book, best, suspects, least, judge)
@@ -201,6 +201,7 @@ def _worthy(
     """
     slight: list[tuple[str, float]] = []
     while True:
+        best = _at_home(book, best)
         fit = book.settled(best)
         asked = [(_explains(book, less, fit), less) for less in _fewer(book, best)]
         weakest = min(asked, key=lambda pair: pair[0], default=None)
@@ -209,7 +210,7 @@ def _worthy(
             if book.price(less) - book.price(best) > RESOLUTION:
                 (name,) = {*best.names} - {*less.names}
                 slight.append((name, explains))
-            best = _at_home(book, book.best_with(less.names))
+            best = book.best_with(less.names)
             continue
         lean = _lean(book, best)
         if lean == best:
@@ -249,8 +250,7 @@ def _fewer(book: Book, best: Members) -> list[Members]:
     found = []
     for name in best.names:
         less = best.without(name)
-        if less not in book:
-            book.race([Start(less, dict(book[best].values)), Start(less, None)])
+        book.race([Start(less, dict(book[best].values)), Start(less, None)])
         alike = (less.base.names, less.names)
         rest = (m for m in book.leading if (m.base.names, m.names) == alike)
         found.append(next(rest, less))
@@ -261,9 +261,8 @@ def _lean(book: Book, best: Members) -> Members:
     """The set without the details that do not pay for themselves, or mechanics that do nothing."""
     for free in ((), *(tuple(k for k in best.free if k != name) for name in best.free)):
         less = replace(best, free=free)
-        if less not in book:
-            start = Start(less, dict(book[best].values))
-            book.race([start], beyond=_even(book, best, less))
+        # Also one that was fitted: from elsewhere it may have got stuck.
+        book.race([Start(less, dict(book[best].values))], beyond=_even(book, best, less))
         if less in book and book.price(less) < book.price(best):
             return less
     for start in still(best, book[best], book.question)[:1]:
@@ -285,7 +284,7 @@ def _steps(
     below = best
     for name in best.names:
         below = below.without(name)
-    if below not in book or book[below].rms > book.foot.rms:  # which a fit may have got stuck above
+    if below not in book:
         book.race([Start(below, dict(book.foot.values)), Start(below, None)])
     found: list[Step] = []
     while below in book and len(found) < len(best.effects):

@@ -11,7 +11,7 @@ from piezo_opt.identification.outcome import Ending, Evaluations, Outcome, Trace
 from piezo_opt.identification.problem import Identification, Loss, Prior, Shape, Start
 from piezo_opt.identification.profile import Profile, Profiles, profile_likelihood
 from piezo_opt.identification.result import Fit, StartResult
-from piezo_opt.identification.solve import solve, too_coarse, with_statistics
+from piezo_opt.identification.solve import solve, with_statistics
 from piezo_opt.identification.solvers.cma_es import CmaEs
 from piezo_opt.identification.solvers.differential_evolution import DifferentialEvolution
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
@@ -58,6 +58,5 @@ __all__ = [
     "ringing",
     "save_fit",
     "solve",
-    "too_coarse",
     "with_statistics",
 ]

@@ -23,6 +23,8 @@ MOST_A_SAMPLE = 64
 """Sub-steps a sample beyond which a finer scheme costs more than it tells."""
 ENOUGH_A_SAMPLE = 16
 """The same where models are compared, not estimated."""
+OF_WHAT_IS_LEFT = 0.1
+"""Error of the scheme over what is left, where models are compared: it adds half a per cent."""
 FINEST = 1e-8
 """Scheme error as a share of the reading's range beyond which nothing is refined."""
 _STRAYED = 0.5
@@ -169,7 +171,7 @@ class Objective:
         """
         readings = self.readings(theta) if point is None else point.readings
         astray = self.strayed(theta, readings)
-        admissible = 0.1 * self.rms(self._residual(readings, theta))
+        admissible = OF_WHAT_IS_LEFT * self.rms(self._residual(readings, theta))
         for i in astray:
             simulator = self.simulators[i]
             most = ENOUGH_A_SAMPLE * self.counted[i].size

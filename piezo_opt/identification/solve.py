@@ -196,15 +196,6 @@ def with_statistics(fit: Fit) -> Fit:
     return _stated(fit, objective, objective.linearised(theta), theta)
 
 
-def too_coarse(fit: Fit) -> bool:
-    """Whether the scheme's error on a fit's sub-steps is a good part of what it leaves."""
-    unknown = unknowns(fit.question, fit.values)
-    theta = theta_of(unknown, fit.values)
-    monitor = Monitor(unknown.names)
-    objective = Objective(fit.question, unknown, theta, monitor, accuracy=fit.accuracy)
-    return bool(objective.strayed(theta, fit.readings))
-
-
 def _numbers(start: Fit | Values | Mapping[str, float]) -> Mapping[str, float]:
     return start.values if isinstance(start, Fit) else start
 

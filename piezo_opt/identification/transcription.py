@@ -58,8 +58,7 @@ class SingleShooting:
             good part of what is left are chosen anew and the fit is repeated all the same: a search
             finds where the scheme errs in its favour (two loops in series, at steps of the drive).
             A fit that leaves more with the new ones is told with them and not repeated. With 0
-            nothing is chosen anew, and :func:`piezo_opt.identification.too_coarse` tells of a fit
-            whether it should be.
+            nothing is chosen anew.
         most: sub-steps a sample beyond which there is no fit: a comparison would wait for it longer
             than for all others.
         tolerance: error of the scheme as a share of the reading's range, with which it begins.

@@ -34,7 +34,7 @@ _NEWTON: Final = 40
 """Iterations to a periodic state; it takes three or four."""
 
 TOLERANCE = 5e-5
-"""Default error of the scheme as a share of the reading's range; below any noise."""
+"""Default error of the scheme as a share of the reading's range; below a usual noise."""
 
 
 class Initial(Enum):

@@ -7,14 +7,18 @@ import signal
 import threading
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+import piezo_opt as po
 from piezo_opt.diagnosis.book import Book
 from piezo_opt.diagnosis.diagnose import Stopped, diagnose
 from piezo_opt.diagnosis.frontier import Frontier
 from piezo_opt.diagnosis.members import Members
+from piezo_opt.identification import Ending
+from piezo_opt.identification.monitor import Monitor
 from piezo_opt.stopping import Pool, TimeLimit
 from problems import hidden_effect
 from tests.diagnosis.plants import but
@@ -119,6 +123,27 @@ def test_an_interrupt_that_a_library_turns_into_an_error_is_one_all_the_same(
     with pytest.raises(ValueError, match="not heard"), TimeLimit(limit):
         raise ValueError("not heard")
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_the_fit_of_the_base_model_heeds_the_limit_of_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stepping = Monitor.iterate
+
+    def slowly(monitor: Monitor, *state: Any) -> None:
+        time.sleep(0.1)
+        stepping(monitor, *state)
+
+    monkeypatch.setattr(Monitor, "iterate", slowly)
+    train, _ = hidden_effect.data().split(hidden_effect.SPLIT)
+    question = po.Identification(po.default_model(train)[0], train)
+    begin = time.monotonic()
+    found = diagnose(question, withhold=but("creep"), max_time=0.25)
+    assert time.monotonic() - begin < 3.0
+    assert found.stopped is Stopped.LIMIT
+    assert found.fit.outcome.ending is Ending.LIMIT
+    assert found.fit.trace.rms.size <= 3
+    assert found.verdict == "open"
 
 
 def interrupted(frontier: Frontier, *, quiet: bool) -> list[Members]:

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import pytest
 
-from piezo_opt.diagnosis.book import Start
+from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.evidence import RESOLUTION
 from piezo_opt.diagnosis.judge import Judge
+from piezo_opt.diagnosis.moves import at_home
 from piezo_opt.diagnosis.refit import refit
 from piezo_opt.diagnosis.told import told
 from piezo_opt.effects import Creep, GeneralisedBoucWen, SecondOrder, SensorLag
@@ -56,6 +57,21 @@ def test_another_law_that_is_even_with_the_own_one_is_not_told() -> None:
     assert answer.final.rms == pytest.approx(book[other].rms, rel=0.01)
     assert answer.final.values["bouc_wen.beta"] == pytest.approx(0.03, rel=0.05)
     assert [step.name for step in answer.steps] == ["creep"]
+
+
+def test_what_the_user_has_fixed_of_the_own_law_stays_fixed() -> None:
+    plain = opened((Creep(1), {"c": 0.1, "tau": 0.1}))
+    question = replace(plain.question, fixed={"bouc_wen.n": 1.0})
+    for book, free in (
+        (plain, {(), ("bouc_wen.n",)}),
+        (Book(replace(plain.foot, question=question), 1, 1), {()}),
+    ):
+        base = book.base.base.replaced("bouc_wen", GeneralisedBoucWen())
+        other = replace(book.base, base=base)
+        book.race([Start(other, None)])
+        begun = at_home(other, book[other], book)
+        assert {start.members.free for start in begun} == free
+        assert {start.members.law for start in begun} == {"bouc_wen"}
 
 
 def test_a_step_on_mechanics_that_do_not_ring_has_a_figure() -> None:

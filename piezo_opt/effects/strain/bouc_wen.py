@@ -50,8 +50,10 @@ class BoucWen(Effect):
     def like(self, other: str, own: Mapping[str, float]) -> Mapping[str, float] | None:
         """The normalised form written with the classical parameters.
 
-        alpha = rho kappa,   beta = rho sigma s,   gamma = rho (1 - sigma) s
-        s = (h_s / kappa)^(n-1)
+            alpha = rho kappa,   beta = rho sigma s,   gamma = rho (1 - sigma) s
+            s = (h_s / kappa)^(n-1)
+
+        The loop is the same for every exponent.
         """
         if other != "generalised_bouc_wen":
             return None
