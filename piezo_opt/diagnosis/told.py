@@ -259,7 +259,8 @@ def _fewer(book: Book, best: Members) -> list[Members]:
 
 def _lean(book: Book, best: Members) -> Members:
     """The set without the details that do not pay for themselves, or mechanics that do nothing."""
-    for free in ((), *(tuple(k for k in best.free if k != name) for name in best.free)):
+    fewer = [tuple(k for k in best.free if k != name) for name in best.free]
+    for free in ((), *fewer) if fewer else ():
         less = replace(best, free=free)
         # Also one that was fitted: from elsewhere it may have got stuck.
         book.race([Start(less, dict(book[best].values))], beyond=_even(book, best, less))
