@@ -134,8 +134,10 @@ def told(book: Book, suspects: Sequence[Suspect], least: float, judge: Judge) ->
     book.conclude()
     _lean_rivals(book)
     worthy, slight = _worthy(book, book.best, least)
-    while (plainer := _plainer(book, worthy)) is not None:
-        worthy, slight = _worthy(book, plainer, least)
+    seen = {worthy}
+    while (rather := _rather(book, worthy, least, judge)) is not None and rather not in seen:
+        seen.add(rather)
+        worthy, slight = _worthy(book, rather, least)
     best = _at_home(book, _likeliest(book, worthy, suspects))
     slight = tuple(one for one in slight if one[0] not in best.names)
     steps = _steps(book, best, suspects, least, judge)
@@ -182,14 +184,29 @@ def _at_home(book: Book, best: Members) -> Members:
     return next(even, best)
 
 
-def _plainer(book: Book, best: Members) -> Members | None:
-    """The best set that names fewer effects, where the criterion cannot tell it from another: a
-    name too many costs more than a law of another kind."""
-    even = (
+def _rather(book: Book, best: Members, least: float, judge: Judge) -> Members | None:
+    """The plainest set that is told rather than the best one.
+
+    One that names fewer effects, where the criterion cannot tell it from that: a name too many
+    costs more than a law of another kind. Or one that names no more, leaves no more that would be
+    worth a name, and predicts the record that is held out better by as much.
+    """
+    error = math.inf if judge.record is None else judge.error(book[best])
+
+    def even(members: Members) -> bool:
+        plainer = len(members.effects) < len(best.effects)
+        return plainer and book.price(members) - book.price(best) < RESOLUTION
+
+    def foretells(members: Members) -> bool:
+        if judge.record is None or worth(book[members], book[best], book.colour) >= least:
+            return False
+        return judge.error(book[members]) * math.sqrt(1.0 + least**2) < error
+
+    rather = (
         m for m in book.leading
-        if len(m.effects) < len(best.effects) and book.price(m) - book.price(best) < RESOLUTION
+        if m != best and len(m.effects) <= len(best.effects) and (even(m) or foretells(m))
     )  # fmt: skip
-    return min(even, key=lambda m: (len(m.effects), book.price(m)), default=None)
+    return min(rather, key=lambda m: (len(m.effects), book.price(m)), default=None)
 
 
 def _worthy(

@@ -19,7 +19,7 @@ from piezo_opt.files import replacing
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Objective
 from piezo_opt.identification.outcome import Evaluations, Outcome, Trace
-from piezo_opt.identification.problem import Identification, plain
+from piezo_opt.identification.problem import Identification, Start, plain
 from piezo_opt.identification.shapes import elsewhere
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
 from piezo_opt.identification.tall import inner
@@ -188,11 +188,15 @@ class Fit:
         shared = {
             n: self.values[n] for n in self.model.parameters if n not in free and n in self.values
         }
+        # Where a hysteresis was reached from is as unknown there as any other start.
+        past = {n for n in free if self.model.parameters[n].fixed}
+        asked = {n for n in self.question.free if n in free}
+        asked |= set() if self.question.start is Start.REST else past
         question = Identification(
             self.model, record, fixed=shared, start=self.question.start,
             bounds={n: limits for n, limits in self.question.bounds.items() if n == plain(n)},
             values={n: v for n, v in self.values.of_record(0).items() if n in free},
-            free=tuple(n for n in self.question.free if n in free),
+            free=tuple(sorted(asked)),
         )  # fmt: skip
         given = question.given()
         unknown = unknowns(question, Values({**Values.nominal(self.model), **given}))
@@ -202,7 +206,7 @@ class Fit:
         if theta.size:
             solver = LevenbergMarquardt(tolerance=1e-7 if refine else _CLOSE)
             found = solver.minimise(objective, theta)
-            for begun in elsewhere(question):
+            for begun in elsewhere(question, singly=True):
                 other = solver.minimise(objective, theta_of(unknown, {**given, **begun}))
                 costs = (objective.cost(objective.residual(one.theta)) for one in (found, other))
                 found = found if next(costs) <= next(costs) else other

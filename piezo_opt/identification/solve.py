@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piezo_opt.choosing import expected, whole
+from piezo_opt.effects.strain.bouc_wen import BoucWen
 from piezo_opt.errors import NO_FIT, InputError
 from piezo_opt.identification.monitor import Monitor, ProgressCallback
 from piezo_opt.identification.multistart import run_starts
@@ -33,6 +35,9 @@ from piezo_opt.values import Values
 FloatArray = NDArray[np.float64]
 
 _MADE: Final = {"transcription": "MultipleShooting()", "solver": "NelderMead()"}
+_LEADS: Final = 0.5
+"""Error over that of a loop that lags up to which one that leads is told. No piezoelectric material
+makes one, so it has to explain three quarters of the power that is left."""
 
 
 def solve(
@@ -152,7 +157,35 @@ def _solved(
     settled = start is not None or bool(question.priors)
     if settled or solution.ending is not Ending.CONVERGED or limit.passed or not doubtful(fit):
         return fit
-    return _elsewhere(fit, unknown, chosen, solver, monitor, statistics, limit)
+    fit = _elsewhere(fit, unknown, chosen, solver, monitor, statistics, limit)
+    turned = _turned(fit, unknown)
+    if turned is None or limit.passed or not doubtful(fit):
+        return fit
+    with suppress(*NO_FIT):
+        other = _solved(
+            turned, transcription, solver, None, 1, seed, executor, log, progress, statistics, limit
+        )
+        if other.outcome.ending is Ending.INTERRUPTED:
+            return fit if fit.rms < other.rms else other
+        if other.rms < _LEADS * fit.rms:
+            return other
+    return fit
+
+
+def _turned(fit: Fit, unknown: Unknowns) -> Identification | None:
+    """The question with a loop that leads, where one that lags has lost all its strength; None
+    elsewhere, and where the user has bounded it."""
+    question = fit.question
+    loop = question.model.loop or ""
+    if not (loop and isinstance(question.model[loop], BoucWen)):
+        return None
+    alpha = f"{loop}.alpha"
+    asked = next((u for u in unknown.members if u.name == alpha), None)
+    if asked is None or alpha not in fit.at_bound or alpha in question.bounds:
+        return None
+    if abs(fit.values[alpha]) > 0.5 * max(abs(asked.low), abs(asked.high)):
+        return None
+    return replace(question, bounds={**question.bounds, alpha: (-asked.high, -asked.low)})
 
 
 def _elsewhere(
@@ -327,6 +360,8 @@ def _remarks(question: Identification, fit: Fit) -> tuple[str, ...]:
     for name, effect in question.model:
         if any(s.position for s in effect.declared_states.values()):
             remarks += _motion_remarks(question, name, fit)
+        if isinstance(effect, BoucWen):
+            remarks += _loop_remarks(question, f"{name}.alpha", fit)
     return tuple(remarks)
 
 
@@ -337,6 +372,18 @@ def _line_rms(question: Identification) -> float:
         slope, intercept = record.line
         left.append((record.position - intercept - slope * record.drive)[record.counted])
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+
+
+def _loop_remarks(question: Identification, alpha: str, fit: Fit) -> list[str]:
+    """A loop that surely leads its drive, as no piezoelectric material does."""
+    stroke = np.sign(question.campaign.records[0].line[0])
+    if alpha in fit.names and stroke * fit.values[alpha] < -3.0 * fit.std[alpha]:
+        return [
+            f"The loop leads its drive ({alpha} and the stroke have opposite signs), where that of "
+            "a piezoelectric material lags: see whether the columns are drive and displacement, "
+            "and whether hysteresis is compensated already."
+        ]
+    return []
 
 
 def _motion_remarks(question: Identification, name: str, fit: Fit) -> list[str]:

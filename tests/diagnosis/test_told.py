@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import pytest
 
+import piezo_opt as po
 from piezo_opt.diagnosis.book import Book, Start
 from piezo_opt.diagnosis.evidence import RESOLUTION
 from piezo_opt.diagnosis.judge import Judge
 from piezo_opt.diagnosis.moves import at_home
 from piezo_opt.diagnosis.refit import refit
 from piezo_opt.diagnosis.told import told
-from piezo_opt.effects import Creep, GeneralisedBoucWen, SecondOrder, SensorLag
-from tests.diagnosis.plants import NOISE, opened
+from piezo_opt.effects import Creep, Delay, GeneralisedBoucWen, SecondOrder, SensorLag
+from tests.diagnosis.plants import NOISE, STILL, clock, measured, opened, sine
 
 
 def test_details_that_do_not_pay_do_not_make_a_rival_dear() -> None:
@@ -87,3 +88,24 @@ def test_a_step_on_mechanics_that_do_not_ring_has_a_figure() -> None:
     gained = samples * math.log((book[slow].rms / book[more].rms) ** 2)
     asked = 3.0 * math.log(samples)  # for its strength, its time, and where it begins
     assert book.fall(slow, more) == pytest.approx(gained - asked)
+
+
+def test_of_answers_that_leave_as_little_the_one_that_predicts_better_is_told() -> None:
+    """A lag that a slow record cannot tell from a delay, and a fast one can."""
+    lag = SensorLag(), {"share": 1.0, "tau": 5e-4}
+    time = clock(600)
+    record = measured(STILL, time, sine(time, 2.0), lag)
+    book = Book(po.solve(po.Identification(STILL, record)), 1, 1)
+    late, lagging = book.base.with_(Delay()), book.base.with_(SensorLag())
+    begun = {"delay.T": 5e-4, "sensor_lag.share": 1.0, "sensor_lag.tau": 5e-4}
+    book.race([Start(m, {**book.foot.values, **begun}) for m in (late, lagging)], everyone=True)
+    assert book.best == late
+    assert book[lagging].rms == pytest.approx(book[late].rms, rel=0.02)
+    assert told(book, (), 0.35, Judge(None)).members == late
+    fast = measured(STILL, time, sine(time, 80.0), lag, seed=1, name="fast")
+    answer = told(book, (), 0.35, Judge(fast))
+    assert [step.name for step in answer.steps] == ["sensor_lag"]
+    assert answer.steps[0].held_out_after == pytest.approx(NOISE, rel=0.1)
+    # A record that tells them apart no better changes nothing.
+    slow = measured(STILL, time, sine(time, 2.0), lag, seed=2, name="slow")
+    assert told(book, (), 0.35, Judge(slow)).members == late

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import piezo_opt as po
-from piezo_opt.effects import Temperature
+from piezo_opt.effects import Offset, PiezoGain, PrandtlIshlinskii, Temperature
 from tests.identification.truth import STILL, TRUTH, loops, record
 
 TIME, DRIVE = loops(400)
@@ -114,3 +114,29 @@ def test_a_channel_that_is_missing_is_named() -> None:
     fit = po.solve(po.Identification(model, bare))
     with pytest.raises(po.InputError, match="temperature"):
         fit.predict(WHOLE)
+
+
+def test_where_plays_were_reached_from_is_estimated_on_a_new_record() -> None:
+    """The fitted record began anew; the other one after a large swing, which its plays remember."""
+    model = PiezoGain() + PrandtlIshlinskii(operators=8, dead_zones=0) + Offset()
+    truth = {
+        "piezo_gain.d": 1.2e-7, "prandtl_ishlinskii.rho": 5e-8, "prandtl_ishlinskii.decay": 1.0,
+        "prandtl_ishlinskii.r": 40.0, "offset.y0": 2e-7,
+    }  # fmt: skip
+    known = {"prandtl_ishlinskii.r": 40.0}
+    measured = record(model, truth, TIME, DRIVE, noise=NOISE)
+    fit = po.solve(po.Identification(model, measured, fixed=known))
+    past = {"prandtl_ishlinskii.origin": 20.0, "prandtl_ishlinskii.swing": -1.2}
+    drive = 20.0 + 0.3 * DRIVE
+    other = record(model, {**truth, **past}, TIME, drive, noise=NOISE, seed=3)
+    left = other.position - fit.predict(other)
+    assert np.sqrt(np.mean(left**2)) < 1.1 * NOISE
+    # What the user has said of it stays; a virgin actuator has no past.
+    told = {f"prandtl_ishlinskii.{name}": 0.0 for name in ("origin", "swing", "swing_before")}
+    for question in (
+        po.Identification(model, measured, fixed={**known, **told}),
+        po.Identification(model, measured, fixed=known, start=po.Start.REST),
+    ):
+        fit = po.solve(question)
+        left = other.position - fit.predict(other)
+        assert np.sqrt(np.mean(left**2)) > 5.0 * NOISE

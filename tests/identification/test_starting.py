@@ -176,6 +176,18 @@ def test_the_loop_is_found_whatever_its_width() -> None:
         assert fit.values["bouc_wen.beta"] == pytest.approx(beta, rel=0.05)
 
 
+def test_a_loop_that_leads_is_found_and_remarked() -> None:
+    """Wen's own form: y = d v + z, whose z runs ahead of the drive at each turn."""
+    time, drive = loops(300)
+    leads = "The loop leads its drive"
+    for alpha in (-4e-8, 4e-8):
+        truth = {**TRUTH, "bouc_wen.alpha": alpha}
+        fit = po.solve(po.Identification(STILL, record(STILL, truth, time, drive, noise=2e-9)))
+        assert fit.rms < 1.1 * 2e-9
+        assert fit.values["bouc_wen.alpha"] == pytest.approx(alpha, rel=0.1)
+        assert any(leads in remark for remark in fit.remarks) is (alpha < 0.0)
+
+
 @pytest.mark.parametrize(("sweeps", "searched"), [(12, 20_000), (1, 60_000)])
 def test_a_long_record_is_searched_by_a_stretch_that_shows_the_loop(
     monkeypatch: pytest.MonkeyPatch, sweeps: int, searched: int

@@ -21,7 +21,8 @@ class BoucWen(Effect):
     The exponent n pivots at the displacement h_s, so that beta and gamma keep the unit 1/V for
     every n; with n = 1 (the default, kept fixed) h_s drops out. With beta + gamma near 0, alpha
     and the linear gain d act alike: the fit reports it. alpha has the sign of the stroke (a loop
-    lags behind its drive); an identification mirrors its bounds where position falls with drive.
+    lags behind its drive); an identification mirrors its bounds where position falls with drive,
+    or where the loop leads, as that of s = d v + z with Wen's z does.
 
     References: Bouc (1967), Proc. 4th Conf. on Nonlinear Oscillation; Wen (1976), J. Eng. Mech.
     Div. 102(2), 249-263; Low & Guo (1995), J. Microelectromech. Syst. 4(4), 230-237 (piezo form).
