@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -35,6 +34,11 @@ from piezo_opt.values import Values
 FloatArray = NDArray[np.float64]
 
 _MADE: Final = {"transcription": "MultipleShooting()", "solver": "NelderMead()"}
+_LOST: Final = 1e-3
+"""Strength of a loop over the gain below which there is none: less than a good sensor sees."""
+_BETTER: Final = 0.99
+"""Error over that without a loop up to which there is one that leads: of some hundred samples, the
+three numbers it takes explain that much by chance."""
 _LEADS: Final = 0.5
 """Error over that of a loop that lags up to which one that leads is told. No piezoelectric material
 makes one, so it has to explain three quarters of the power that is left."""
@@ -155,37 +159,45 @@ def _solved(
         )  # fmt: skip
     fit = _finish(asked, unknown, solution, chosen, solver, monitor, statistics)
     settled = start is not None or bool(question.priors)
-    if settled or solution.ending is not Ending.CONVERGED or limit.passed or not doubtful(fit):
+    if settled or limit.passed:
         return fit
-    fit = _elsewhere(fit, unknown, chosen, solver, monitor, statistics, limit)
-    turned = _turned(fit, unknown)
-    if turned is None or limit.passed or not doubtful(fit):
+    if solution.ending is Ending.CONVERGED and doubtful(fit):
+        fit = _elsewhere(fit, unknown, chosen, solver, monitor, statistics, limit)
+    leading = _leading(fit, unknown)
+    if leading is None or limit.passed:
         return fit
-    with suppress(*NO_FIT):
+    turned, least = leading
+    try:
         other = _solved(
             turned, transcription, solver, None, 1, seed, executor, log, progress, statistics, limit
         )
-        if other.outcome.ending is Ending.INTERRUPTED:
-            return fit if fit.rms < other.rms else other
-        if other.rms < _LEADS * fit.rms:
-            return other
-    return fit
+    except NO_FIT:
+        return fit
+    if other.outcome.ending is Ending.INTERRUPTED:
+        return fit if fit.rms < other.rms else other
+    return other if other.rms < least else fit
 
 
-def _turned(fit: Fit, unknown: Unknowns) -> Identification | None:
-    """The question with a loop that leads, where one that lags has lost all its strength; None
-    elsewhere, and where the user has bounded it."""
+def _leading(fit: Fit, unknown: Unknowns) -> tuple[Identification, float] | None:
+    """The question with a loop that leads, and the error [m] below which that is told; None where
+    the user has said which way it turns, or the fit with one that lags is good.
+
+    Where a loop that lags has lost its strength, none is left in its way.
+    """
     question = fit.question
     loop = question.model.loop or ""
-    if not (loop and isinstance(question.model[loop], BoucWen)):
-        return None
     alpha = f"{loop}.alpha"
     asked = next((u for u in unknown.members if u.name == alpha), None)
-    if asked is None or alpha not in fit.at_bound or alpha in question.bounds:
+    if asked is None or not isinstance(question.model[loop], BoucWen):
         return None
-    if abs(fit.values[alpha]) > 0.5 * max(abs(asked.low), abs(asked.high)):
+    if alpha in {**question.bounds, **question.values}:
         return None
-    return replace(question, bounds={**question.bounds, alpha: (-asked.high, -asked.low)})
+    gain = abs(question.campaign.records[0].line[0])
+    lost = abs(fit.values[alpha]) < _LOST * gain
+    if not (lost or doubtful(fit)):
+        return None
+    turned = replace(question, bounds={**question.bounds, alpha: (-asked.high, -asked.low)})
+    return turned, fit.rms * (_BETTER if lost else _LEADS)
 
 
 def _elsewhere(

@@ -186,6 +186,14 @@ def test_a_loop_that_leads_is_found_and_remarked() -> None:
         assert fit.rms < 1.1 * 2e-9
         assert fit.values["bouc_wen.alpha"] == pytest.approx(alpha, rel=0.1)
         assert any(leads in remark for remark in fit.remarks) is (alpha < 0.0)
+    # Whoever says how strong it is, or may be, says which way it turns.
+    told = {"values": {"bouc_wen.alpha": 4e-8}}, {"bounds": {"bouc_wen.alpha": (0.0, 1e-6)}}
+    truth = {**TRUTH, "bouc_wen.alpha": -4e-8}
+    led = record(STILL, truth, time, drive, noise=2e-9)
+    for known in told:
+        fit = po.solve(po.Identification(STILL, led, **known))
+        assert fit.values["bouc_wen.alpha"] >= 0.0
+        assert fit.rms > 10.0 * 2e-9
 
 
 @pytest.mark.parametrize(("sweeps", "searched"), [(12, 20_000), (1, 60_000)])
