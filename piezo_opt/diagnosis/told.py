@@ -191,6 +191,7 @@ def _rather(book: Book, best: Members, least: float, judge: Judge) -> Members | 
     costs more than a law of another kind. Or one that names no more, leaves no more that would be
     worth a name, and predicts the record that is held out better by as much.
     """
+    as_little = math.sqrt(1.0 + least**2)
     error = math.inf if judge.record is None else judge.error(book[best])
 
     def even(members: Members) -> bool:
@@ -198,9 +199,9 @@ def _rather(book: Book, best: Members, least: float, judge: Judge) -> Members | 
         return plainer and book.price(members) - book.price(best) < RESOLUTION
 
     def foretells(members: Members) -> bool:
-        if judge.record is None or worth(book[members], book[best], book.colour) >= least:
+        if judge.record is None or book[members].rms > as_little * book[best].rms:
             return False
-        return judge.error(book[members]) * math.sqrt(1.0 + least**2) < error
+        return as_little * judge.error(book[members]) < error
 
     rather = (
         m for m in book.leading

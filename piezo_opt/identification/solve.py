@@ -36,9 +36,6 @@ FloatArray = NDArray[np.float64]
 _MADE: Final = {"transcription": "MultipleShooting()", "solver": "NelderMead()"}
 _LOST: Final = 1e-3
 """Strength of a loop over the gain below which there is none: less than a good sensor sees."""
-_BETTER: Final = 0.99
-"""Error over that without a loop up to which there is one that leads: of some hundred samples, the
-three numbers it takes explain that much by chance."""
 _LEADS: Final = 0.5
 """Error over that of a loop that lags up to which one that leads is told. No piezoelectric material
 makes one, so it has to explain three quarters of the power that is left."""
@@ -163,27 +160,28 @@ def _solved(
         return fit
     if solution.ending is Ending.CONVERGED and doubtful(fit):
         fit = _elsewhere(fit, unknown, chosen, solver, monitor, statistics, limit)
-    leading = _leading(fit, unknown)
-    if leading is None or limit.passed:
+    turned = _turned(fit, unknown)
+    if turned is None or limit.passed:
         return fit
-    turned, least = leading
     try:
-        other = _solved(
-            turned, transcription, solver, None, 1, seed, executor, log, progress, statistics, limit
-        )
+        # A start that leads nowhere may run away.
+        with np.errstate(over="ignore", invalid="ignore"):
+            other = _solved(
+                turned, transcription, solver, None, 1, seed, executor, log, progress, statistics,
+                limit,
+            )  # fmt: skip
+            better = other.rms < _LEADS * fit.rms
     except NO_FIT:
         return fit
     if other.outcome.ending is Ending.INTERRUPTED:
-        return fit if fit.rms < other.rms else other
-    return other if other.rms < least else fit
+        halted = Solution(theta_of(unknown, fit.values), Ending.INTERRUPTED, "")
+        return replace(fit, outcome=_outcome(halted, fit))
+    return other if better else fit
 
 
-def _leading(fit: Fit, unknown: Unknowns) -> tuple[Identification, float] | None:
-    """The question with a loop that leads, and the error [m] below which that is told; None where
-    the user has said which way it turns, or the fit with one that lags is good.
-
-    Where a loop that lags has lost its strength, none is left in its way.
-    """
+def _turned(fit: Fit, unknown: Unknowns) -> Identification | None:
+    """The question with a loop that leads; None where the user has said which way it turns, or the
+    fit with one that lags is good."""
     question = fit.question
     loop = question.model.loop or ""
     alpha = f"{loop}.alpha"
@@ -196,8 +194,7 @@ def _leading(fit: Fit, unknown: Unknowns) -> tuple[Identification, float] | None
     lost = abs(fit.values[alpha]) < _LOST * gain
     if not (lost or doubtful(fit)):
         return None
-    turned = replace(question, bounds={**question.bounds, alpha: (-asked.high, -asked.low)})
-    return turned, fit.rms * (_BETTER if lost else _LEADS)
+    return replace(question, bounds={**question.bounds, alpha: (-asked.high, -asked.low)})
 
 
 def _elsewhere(

@@ -63,7 +63,8 @@ def test_another_record_was_reached_in_a_way_of_its_own(index: int) -> None:
     other = record(CORNERS[::-1], BEFORE[index], 9)
     left = other.position - fit.predict(other)
     assert np.sqrt(np.mean(left**2)) < 1.2 * NOISE
-    held = replace(fit, question=replace(fit.question, free=()))
+    own = {name: fit.values[name] for name in fit.question.free}
+    held = replace(fit, question=replace(fit.question, free=(), fixed=own))
     left = other.position - held.predict(other)
     assert np.sqrt(np.mean(left**2)) > 5.0 * NOISE
 

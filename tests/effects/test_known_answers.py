@@ -114,6 +114,8 @@ def test_the_dead_zone_swallows_its_width() -> None:
     values = {"dead_zone.share": 1.0, "dead_zone.width": 2.0, "dead_zone.softness": 1e-3}
     expected = np.sign(drive) * np.maximum(np.abs(drive) - 2.0, 0.0)
     np.testing.assert_allclose(static(DeadZone(), drive, values) / 1e-3, expected, atol=2e-3)
+    biased = static(DeadZone(biased=True), drive + 30.0, {**values, "dead_zone.c": 30.0})
+    np.testing.assert_allclose(biased / 1e-3, 30.0 + expected, atol=2e-3)
 
 
 def test_the_slew_limit_follows_slow_drives_and_holds_fast_ones_to_its_rate() -> None:
@@ -427,16 +429,73 @@ def test_an_uneven_loop_is_driven_harder_while_the_drive_rises() -> None:
 
 def test_rate_dependence_has_one_form() -> None:
     assert [RateDependence(**form).gate for form in RateDependence.variants] == [
-        "r", "r", "strength", "share", "share", "share",
+        "r", "r", "strength", "share", "share", "share", "weight",
     ]  # fmt: skip
 
 
 def test_an_asymmetry_has_one_form() -> None:
     assert [Asymmetry(**form).gate for form in Asymmetry.variants] == [
-        "delta", "growth", "growth", "chi", "excess", "growth", "delta",
+        "delta", "growth", "growth", "chi", "excess", "growth", "delta", "weight",
     ]  # fmt: skip
     with pytest.raises(ModelError, match=r"has 2 gates \(growth, chi\)"):
         Asymmetry(bent=True, sided=True)
+
+
+def dragged_along(lower: FloatArray, upper: FloatArray, start: float = 0.0) -> FloatArray:
+    """A play between two envelopes, sample by sample."""
+    found = []
+    for low, high in zip(lower, upper, strict=True):
+        start = min(max(start, low), high)
+        found.append(start)
+    return np.array(found)
+
+
+def _turning() -> tuple[FloatArray, FloatArray]:
+    time = np.arange(800) / 1000.0
+    corners = [5.0, 60, 10, 50, 20, 40, 0, 60]
+    return time, np.interp(time, np.linspace(0.0, time[-1], len(corners)), corners)
+
+
+@pytest.mark.parametrize("lower", [1.0, 0.0])
+def test_an_unequal_loop_is_what_unequal_plays_do_beyond_equal_ones(lower: float) -> None:
+    time, v = _turning()
+    values = {
+        "asymmetry.weight": 2e-8, "asymmetry.r": 12.0, "asymmetry.spread": 0.02,
+        "asymmetry.lower": lower, "piezo_gain.d": 1e-7,
+    }  # fmt: skip
+    model = PiezoGain() + BoucWen() + Asymmetry(unequal=True)
+    values |= {"bouc_wen.alpha": 0.0}
+    reading, _ = respond(model, time, v, values, 1.0)
+    more = np.zeros_like(v)
+    for r in (4.0, 8.0, 12.0):
+        below, above = r * (1.0 + lower * 0.02 * v), r * (1.0 + 0.02 * v)
+        more += dragged_along(v - below, v + above) - dragged_along(v - r, v + r)
+    assert np.ptp(more) > 10.0
+    np.testing.assert_allclose(reading, 1e-7 * v + 2e-8 * more, atol=1e-12)
+
+
+def test_a_widening_loop_is_what_plays_do_beyond_those_at_rest() -> None:
+    time, v = _turning()
+    values = {
+        "rate_dependence.weight": 2e-8, "rate_dependence.threshold": 9.0,
+        "rate_dependence.q": 400.0, "rate_dependence.j": 0.5,
+        "piezo_gain.d": 1e-7, "bouc_wen.alpha": 0.0,
+    }  # fmt: skip
+    reading, _ = respond(
+        PiezoGain() + BoucWen() + RateDependence(widening=True), time, v, values, 1.0
+    )
+    # Over a stretch between samples the rate is that of the stretch.
+    pace = np.abs(np.diff(v, prepend=v[0])) / 1e-3 / 400.0
+    more = np.zeros_like(v)
+    for r in (3.0, 6.0, 9.0):
+        wide = r * (1.0 + np.sqrt(pace))
+        more += dragged_along(v - wide, v + wide) - dragged_along(v - r, v + r)
+    assert np.ptp(more) > 10.0
+    # At the instant of a turn the rate is told of the stretch that follows.
+    same = np.isclose(pace, np.append(pace[1:], pace[-1]))
+    left = (reading - 1e-7 * v - 2e-8 * more)[same]
+    assert same.sum() > 700
+    assert np.abs(left).max() < 1e-12
 
 
 PLAYS = {"prandtl_ishlinskii.rho": 4e-8, "prandtl_ishlinskii.decay": 0.7,

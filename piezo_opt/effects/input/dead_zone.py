@@ -1,4 +1,4 @@
-"""A drive that does nothing near zero, or a drive or a reading that does nothing at a turn."""
+"""A drive that does nothing near zero or a bias; a drive or a reading that rests at a turn."""
 
 from __future__ import annotations
 
@@ -16,15 +16,18 @@ _PLAYS = 4
 @final
 @dataclass(frozen=True)
 class DeadZone(Effect):
-    """Loss of slope around zero drive; or backlash, its form with a memory, of reading or drive.
+    """Loss of slope around zero drive or a bias; or backlash, its form with a memory.
 
         v = u + share (e [softplus((u - width) / e) - softplus((-u - width) / e)] - u)
         e = softness width
+        v = u + share (e [softplus((d - width) / e) - softplus((-d - width) / e)] - d)   biased
+        d = u - c,   e = softness width   biased
         y = mean of z_i,   z_i = min(max(z_before, x - w_i), x + w_i)   backlash
         w_i = w (1 + spread c_i),   c_i evenly within -1 and 1   backlash
         v = min(max(v_before, u - slack), u + slack)   drive_backlash
 
-    At share = 1 the drive has no effect for |u| < width and is short by width beyond it.
+    At share = 1 the drive has no effect for |u| < width and is short by width beyond it; biased,
+    the same around c, as where an amplifier's output stage crosses over within its range.
     softplus(a) = log(1 + exp(a)). Backlash is a play of half width w between the position and the
     reading, exact while the position moves one way: z_before is the reading where it last turned.
     At w = 0 the reading is the position. A play that is taken up little by little, as by a rough
@@ -35,10 +38,11 @@ class DeadZone(Effect):
     Nonlinearities, Wiley (dead-zone, backlash); Khalil (2002), Nonlinear Systems, sec. 1.2.7.
     """
 
+    biased: bool = False
     backlash: bool = False
     drive_backlash: bool = False
     plays: int = 1
-    variants = ({}, {"backlash": True}, {"drive_backlash": True})
+    variants = ({}, {"biased": True}, {"backlash": True}, {"drive_backlash": True})
     z = State(
         "m", "reading at the last turn, play by play", size="plays", remanent=True, when="backlash"
     )
@@ -52,6 +56,10 @@ class DeadZone(Effect):
     width = Parameter(
         "V", "half width of the zone", nominal=1.0, bounds=(1e-6, 1e5), typical=(1e-2, 10.0),
         unless=("backlash", "drive_backlash"),
+    )  # fmt: skip
+    c = Parameter(
+        "V", "centre of the zone", nominal=0.0, bounds=(-1e6, 1e6), typical=(-50.0, 100.0),
+        when="biased",
     )  # fmt: skip
     softness = Parameter(
         "1", "rounding of the corners over the width", nominal=0.1, bounds=(1e-3, 1.0),
@@ -101,6 +109,7 @@ class DeadZone(Effect):
             mean = sum(carried[i] for i in range(n)) / n
             return Equations(gives=mean, becomes={"z": carried}, starts={"z": stack([u] * n)})
         corner = p.softness * p.width
-        above = softplus((u - p.width) / corner)
-        below = softplus((-u - p.width) / corner)
-        return Equations(gives=u + p.share * (corner * (above - below) - u))
+        around = u - p.c if self.biased else u
+        above = softplus((around - p.width) / corner)
+        below = softplus((-around - p.width) / corner)
+        return Equations(gives=u + p.share * (corner * (above - below) - around))
