@@ -43,6 +43,7 @@ class DeadZone(Effect):
     drive_backlash: bool = False
     plays: int = 1
     variants = ({}, {"biased": True}, {"backlash": True}, {"drive_backlash": True})
+    rarer = ("biased",)
     z = State(
         "m", "reading at the last turn, play by play", size="plays", remanent=True, when="backlash"
     )
