@@ -206,7 +206,7 @@ class Fit:
         if theta.size:
             solver = LevenbergMarquardt(tolerance=1e-7 if refine else _CLOSE)
             found = solver.minimise(objective, theta)
-            for begun in elsewhere(question, singly=True):
+            for begun in elsewhere(question):
                 other = solver.minimise(objective, theta_of(unknown, {**given, **begun}))
                 costs = (objective.cost(objective.residual(one.theta)) for one in (found, other))
                 found = found if next(costs) <= next(costs) else other

@@ -153,14 +153,10 @@ def detail_start(parameter: Parameter, record: Measurement) -> float:
     return float(np.clip(value, low, high))
 
 
-def elsewhere(question: Identification, *, singly: bool = False) -> list[dict[str, float]]:
+def elsewhere(question: Identification) -> list[dict[str, float]]:
     """Where a fit begins as well, because its error has several minima along details that are free.
 
     What each record has of its own, where it was reached from, begins anew with them.
-
-    Args:
-        question: the question.
-        singly: whether also with each of the details alone moved.
     """
     found = []
     record = question.campaign.records[0]
@@ -172,9 +168,7 @@ def elsewhere(question: Identification, *, singly: bool = False) -> list[dict[st
         for details in effect.elsewhere:
             moved = {f"{name}.{k}": v for k, v in details.items()}
             if moved.keys() <= {*question.free}:
-                still = dict.fromkeys(moved, 0.0)
                 found.append(own | moved)
-                found += [own | still | {k: v} for k, v in moved.items() if singly]
     return found
 
 

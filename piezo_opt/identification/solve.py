@@ -160,8 +160,9 @@ def _solved(
         return fit
     if solution.ending is Ending.CONVERGED and doubtful(fit):
         fit = _elsewhere(fit, unknown, chosen, solver, monitor, statistics, limit)
-    turned = _turned(fit, unknown)
-    if turned is None or limit.passed:
+    halted = fit.outcome.ending is Ending.INTERRUPTED or limit.passed
+    turned = None if halted else _turned(fit, unknown)
+    if turned is None:
         return fit
     try:
         # A start that leads nowhere may run away.
@@ -174,8 +175,8 @@ def _solved(
     except NO_FIT:
         return fit
     if other.outcome.ending is Ending.INTERRUPTED:
-        halted = Solution(theta_of(unknown, fit.values), Ending.INTERRUPTED, "")
-        return replace(fit, outcome=_outcome(halted, fit))
+        ended = Solution(theta_of(unknown, fit.values), Ending.INTERRUPTED, "")
+        return replace(fit, outcome=_outcome(ended, fit))
     return other if better else fit
 
 

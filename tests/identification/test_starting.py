@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from piezo_opt.effects import (
     Friction,
     SecondMode,
 )
-from piezo_opt.identification import starting
+from piezo_opt.identification import Ending, starting
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.shapes import resolving
 from piezo_opt.identification.starting import (
@@ -194,6 +195,20 @@ def test_a_loop_that_leads_is_found_and_remarked() -> None:
         fit = po.solve(po.Identification(STILL, led, **known))
         assert fit.values["bouc_wen.alpha"] >= 0.0
         assert fit.rms > 10.0 * 2e-9
+
+
+def test_an_interrupt_ends_all_further_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also the trial of a loop that leads, which would be kept."""
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys.modules["piezo_opt.identification.solve"], "another_start", stop)
+    time, drive = loops(300)
+    led = record(STILL, {**TRUTH, "bouc_wen.alpha": -4e-8}, time, drive, noise=2e-9)
+    fit = po.solve(po.Identification(STILL, led))
+    assert fit.outcome.ending is Ending.INTERRUPTED
+    assert fit.values["bouc_wen.alpha"] >= 0.0
 
 
 @pytest.mark.parametrize(("sweeps", "searched"), [(12, 20_000), (1, 60_000)])

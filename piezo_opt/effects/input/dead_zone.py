@@ -60,7 +60,7 @@ class DeadZone(Effect):
     )  # fmt: skip
     c = Parameter(
         "V", "centre of the zone", nominal=0.0, bounds=(-1e6, 1e6), typical=(-50.0, 100.0),
-        when="biased",
+        when="biased", unless=("backlash", "drive_backlash"),
     )  # fmt: skip
     softness = Parameter(
         "1", "rounding of the corners over the width", nominal=0.1, bounds=(1e-3, 1.0),
