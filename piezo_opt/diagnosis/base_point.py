@@ -25,8 +25,9 @@ FloatArray = NDArray[np.float64]
 
 _EXPLODED = 1e100
 """Derivative of a reading [m] by an unknown that is no number any more."""
-_SHARED = 1e-6
-"""Share of a column of another Jacobian, beyond this one, below which it is in both."""
+GONE = 1e-6
+"""Share of a column, or of its square, below which other columns have explained it away: far more
+than rounding and the error of a linearisation leave of it, far less than a record would show."""
 ROUGH = 1e-3
 """Error of the scheme, as a share of the reading's range, in the directions of absent effects."""
 
@@ -112,7 +113,7 @@ class BasePoint:
         To first order: what is left of this fit's residual beside the columns of both Jacobians.
         """
         more = self.project(other._basis)
-        size, *_ = np.linalg.lstsq(more, self.residual, rcond=_SHARED)
+        size, *_ = np.linalg.lstsq(more, self.residual, rcond=GONE)
         return float(np.sqrt(np.mean(np.square(self.residual - more @ size))))
 
     def directions(

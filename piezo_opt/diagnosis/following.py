@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from piezo_opt.diagnosis.base_point import BasePoint
+from piezo_opt.diagnosis.base_point import GONE, BasePoint
 from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.identification import Fit
 from piezo_opt.identification.tall import triangle
@@ -17,9 +17,6 @@ FloatArray = NDArray[np.float64]
 
 _PLAYS = (0.1, 0.3, 0.6)
 """Widths over the drive's range: a loop of another shape leaves what such memories give."""
-_GONE = 1e-6
-"""Share of a column, or of its square, below which other columns have explained it away: far more
-than rounding leaves of it, far less than a record would show."""
 
 
 @final
@@ -81,7 +78,7 @@ def follows_drive(fit: Fit, point: BasePoint) -> tuple[float, str, FloatArray]:
     whole = np.linalg.norm(columns, axis=0)
     columns -= point.basis @ (point.basis.T @ columns)
     sizes = np.linalg.norm(columns, axis=0)
-    seen = np.flatnonzero(sizes > _GONE * whole)
+    seen = np.flatnonzero(sizes > GONE * whole)
     columns = columns[:, seen] / sizes[seen]
     rest = r - columns @ (_inverse(columns.T @ columns) @ (columns.T @ r))
     white = Whitened(point)
@@ -100,7 +97,7 @@ def follows_drive(fit: Fit, point: BasePoint) -> tuple[float, str, FloatArray]:
 
 def _inverse(gram: FloatArray) -> FloatArray:
     """Of the products of columns of length one, without what others explain of them."""
-    return np.asarray(np.linalg.pinv(gram, rcond=_GONE, hermitian=True))
+    return np.asarray(np.linalg.pinv(gram, rcond=GONE, hermitian=True))
 
 
 def _functions(fit: Fit) -> tuple[list[str], FloatArray]:

@@ -41,8 +41,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from piezo_opt.diagnosis.base_point import GONE
 from piezo_opt.diagnosis.entering import Entering, Quantity
 from piezo_opt.diagnosis.evidence import WORTH
+from piezo_opt.diagnosis.judge import BLOCKS
 from piezo_opt.diagnosis.noise import NoiseFloor, noise_floor
 from piezo_opt.effects.base import Place
 from piezo_opt.errors import InputError
@@ -57,11 +59,6 @@ SMOOTH: Final = 4
 exp(-t / T) to 1 / (8 T^2) = 0.8 %."""
 ITERATIONS: Final = 200
 """Of LSQR, for a place that cannot explain the residual; one that can needs ten to fifty."""
-FOLDS: Final = 10
-"""Stretches of the record, each left out once: the usual number (Kohavi 1995, IJCAI 14, 1137)."""
-DAMPING: Final = 1e-6
-"""Squared length that is left of a column of length one where others explain all of it but the
-error of the linearisation, a thousandth: on less nothing is regressed."""
 RATES: Final = (Quantity.DRIVE_RATE, Quantity.VELOCITY)
 """Signals that may multiply a function of another."""
 _HOME: Final = {
@@ -190,7 +187,7 @@ def forces(
         equal = best.share - best.error
         # By chance once in 20, for all functions of a place together, from the stretches' scatter.
         looks = len(told) / len(asked)
-        sure = best.error * float(scipy.special.stdtrit(FOLDS - 1, 1.0 - 0.05 / looks))
+        sure = best.error * float(scipy.special.stdtrit(BLOCKS - 1, 1.0 - 0.05 / looks))
     found: list[Force] = []
     for place, (correction, rest) in zip(asked, smallest, strict=True):
         own = [d for d in told if d.place is place]
@@ -280,10 +277,10 @@ def answers(
 
 def left_out(columns: FloatArray, r: FloatArray) -> FloatArray:
     """Squares (M,) of r where each stretch is predicted from the others by damped regression."""
-    stretches = np.array_split(np.arange(r.size), FOLDS)
+    stretches = np.array_split(np.arange(r.size), BLOCKS)
     grams = [columns[s].T @ columns[s] for s in stretches]
     sides = [columns[s].T @ r[s] for s in stretches]
-    gram, side = sum(grams) + DAMPING * np.eye(columns.shape[1]), sum(sides)
+    gram, side = sum(grams) + GONE * np.eye(columns.shape[1]), sum(sides)
     left = r.copy()
     for s, own_gram, own_side in zip(stretches, grams, sides, strict=True):
         left[s] -= columns[s] @ np.linalg.solve(gram - own_gram, side - own_side)
@@ -305,9 +302,9 @@ def share_of(r: FloatArray, left: FloatArray, noise: NoiseFloor) -> tuple[float,
     more = beyond(r, noise)
     if more == 0.0:
         return 0.0, 0.0
-    sums = np.array([part.sum() for part in np.array_split(left, FOLDS)])
+    sums = np.array([part.sum() for part in np.array_split(left, BLOCKS)])
     share = (float(r @ r) - float(sums.sum())) / more
-    error = float(np.sqrt(FOLDS) * sums.std(ddof=1)) / more
+    error = float(np.sqrt(BLOCKS) * sums.std(ddof=1)) / more
     return share, error
 
 

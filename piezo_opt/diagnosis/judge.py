@@ -28,7 +28,7 @@ from piezo_opt.units import show
 
 FloatArray = NDArray[np.float64]
 
-_BLOCKS = 10
+BLOCKS = 10
 """Of which each is predicted from the others: the usual number (Kohavi 1995, IJCAI 14, 1137)."""
 _ALONE = 0.99
 """Eigenvalue from which a direction is seen by one block alone: the others know it ten times worse
@@ -51,7 +51,7 @@ class Judge:
         """The choice in words."""
         if self.record is None:
             return (
-                f"All data are fitted; held out: each of {_BLOCKS} blocks as predicted from the "
+                f"All data are fitted; held out: each of {BLOCKS} blocks as predicted from the "
                 "others."
             )
         return f"Judged on the record '{self.record.name}', which is not fitted."
@@ -80,7 +80,7 @@ def _left_out(fit: Fit) -> float:
     """Error of blocks, each as the others predict it [m]."""
     point = BasePoint(fit)
     total = 0.0
-    for rows in np.array_split(np.arange(point.samples), _BLOCKS):
+    for rows in np.array_split(np.arange(point.samples), BLOCKS):
         basis, residual = point.basis[rows], point.residual[rows]
         known, axes = np.linalg.eigh(basis.T @ basis)
         own = known < _ALONE

@@ -28,9 +28,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from piezo_opt.diagnosis.base_point import GONE
 from piezo_opt.diagnosis.entering import PIECES, Entering, Quantity, assembles
 from piezo_opt.diagnosis.evidence import WORTH
-from piezo_opt.diagnosis.forces import DAMPING, RATES, answers, beyond, left_out, share_of
+from piezo_opt.diagnosis.forces import RATES, answers, beyond, left_out, share_of
 from piezo_opt.diagnosis.formula import Factor, Formula, Shape, Term
 from piezo_opt.diagnosis.noise import NoiseFloor
 from piezo_opt.effects.base import Place
@@ -146,7 +147,7 @@ class _Columns:
         basis, _ = np.linalg.qr(self._columns[:, kept])
         power = np.einsum("mq,mq->q", columns, columns) - np.sum((basis.T @ columns) ** 2, axis=0)
         along = (r - basis @ (basis.T @ r)) @ columns
-        return np.asarray(along**2 / (np.maximum(power, 0.0) + DAMPING))
+        return np.asarray(along**2 / (np.maximum(power, 0.0) + GONE))
 
     def _best(self, kept: Sequence[int]) -> int:
         """The best term beside those kept; of a wave, of the best length within half a wave."""

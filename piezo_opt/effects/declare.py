@@ -49,7 +49,6 @@ class Parameter:
         per_record: a campaign estimates one value for every record.
         repeats: a length along the reading, after half of which what the effect does repeats: a
             search looks for it in the spectrum of what is left along the reading.
-        coarse: a shape that hardly changes what the effect does: a search tries every second value.
         when, unless: name of an option of the effect (or several: any of them) with which, or
             without which, there is this parameter: effects of several forms declare those of all.
         freed: name of an option of the effect with which it is not fixed, but a shape as any other.
@@ -67,7 +66,6 @@ class Parameter:
     detail: bool = False
     per_record: bool = False
     repeats: bool = False
-    coarse: bool = False
     when: str | tuple[str, ...] = ()
     unless: str | tuple[str, ...] = ()
     freed: str = ""

@@ -49,8 +49,6 @@ def shape_grid(
         if name == effect.gate or parameter.fixed or name in settled:
             continue
         values = _values(parameter, record, residual)
-        if parameter.coarse:
-            values = values[1::2]
         low, high = limits(parameter, (record,))
         inside = [v for v in values if low <= v <= high]
         axes[name] = inside or [float(np.clip(parameter.nominal, low, high))]

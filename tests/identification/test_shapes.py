@@ -19,7 +19,6 @@ from piezo_opt.effects import (
     Saturation,
     SecondMode,
     SensorNonlinearity,
-    SlewLimit,
 )
 from piezo_opt.effects.base import Parameter
 from piezo_opt.effects.catalogue import CATALOGUE
@@ -57,17 +56,6 @@ def test_every_grid_is_small_complete_and_within_the_limits(name: str) -> None:
 def test_what_the_user_has_given_is_not_tried() -> None:
     assert shape_grid(Creep(), RECORD, REST, ("tau",)) == [{}]
     assert all("tau" in point for point in shape_grid(Creep(), RECORD, REST))
-
-
-def test_of_a_coarse_shape_every_second_value_is_tried() -> None:
-    """A recovery far below a sample does what one of a sample does, at many times the cost."""
-    grid = shape_grid(SlewLimit(), RECORD, REST)
-    taus, rates = ({p[k] for p in grid} for k in ("tau", "rate"))
-    every = {p["tau"] for p in shape_grid(AmplifierLag(), RECORD, REST)}
-    assert len(grid) == len(taus) * len(rates) <= 12
-    assert taus < every
-    assert min(every) < 0.5 * RECORD.step < min(taus)
-    assert len(rates) == 6
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ class SlewLimit(Effect):
     )
     tau = Parameter(
         "s", "recovery time after the limit, or lag below it", nominal=1e-3, bounds=(1e-7, 0.1),
-        typical=(1e-4, 1e-2), coarse=True,
+        typical=(1e-4, 1e-2),
     )  # fmt: skip
     fall = Parameter(
         "1", "largest rate downwards over that upwards", nominal=1.0, bounds=(0.02, 50.0),
