@@ -336,6 +336,7 @@ class _Job:
     family: FamilyName = "own"
     plainest: bool = False
     left_out: bool = False
+    max_time: float | None = None
 
 
 def hidden_bench(
@@ -352,6 +353,7 @@ def hidden_bench(
     blind: bool = False,
     baseline: bool = False,
     leave_out: bool = False,
+    max_time: float | None = None,
 ) -> HiddenTable:
     """Diagnose records with hidden effects, and judge the answers.
 
@@ -370,6 +372,7 @@ def hidden_bench(
         baseline: ask the plainest search, too: refit with each effect, and take the best.
         leave_out: diagnose with a catalogue that lacks what is hidden; classes of which the
             catalogue has nothing are left out of the run.
+        max_time: seconds for each diagnosis; its own default unless given.
 
     Returns:
         the table, or the table of what was done when interrupted (Ctrl-C).
@@ -400,7 +403,7 @@ def hidden_bench(
     threads = 2 if executor is None else 1
     numbers = range(first_seed, first_seed + seeds)
     jobs = [
-        _Job(label, seed, level, samples, threads, family, baseline, leave_out)
+        _Job(label, seed, level, samples, threads, family, baseline, leave_out, max_time)
         for label in labels
         for seed in numbers
     ]
@@ -474,6 +477,7 @@ def _judge(nothing: None, job: _Job) -> Judged:  # noqa: ARG001
             withhold=withheld,
             threads=job.threads,
             advise=False,
+            max_time=job.max_time,
         )
         if found.stopped is Stopped.USER:
             # A search that was interrupted answers with its best so far: no row of the table.

@@ -276,8 +276,10 @@ def _hidden(seen: FloatArray, sigma: float) -> list[_Component]:
             else:
                 apart.append((other, more))
         groups = [*apart, (members, lines)]
-    # Relative standard deviation of each unknown: sigma |row of the pseudo-inverse|.
-    spread = sigma * np.sqrt(np.sum((rows / np.maximum(strength, 1e-300)[:, None]) ** 2, axis=0))
+    # Relative standard deviation of each unknown: sigma |row of the pseudo-inverse|. A strength
+    # below the rounding of the largest is none; 1e-150 is the smallest whose square is a number.
+    least = np.finfo(np.float64).eps * strength[0] + 1e-150
+    spread = sigma * np.sqrt(np.sum((rows / np.maximum(strength, least)[:, None]) ** 2, axis=0))
     exact = bool(strength[blind[0]] < 1e-6 * strength[0])
     return [
         _Component(tuple(sorted(m)), space[np.ix_(lines, sorted(m))], float(spread[min(m)]), exact)
