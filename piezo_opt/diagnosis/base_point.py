@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.effects.base import Effect
-from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Start
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import Objective
@@ -23,8 +22,9 @@ from piezo_opt.simulation import Initial, Simulator, Substeps
 
 FloatArray = NDArray[np.float64]
 
-_EXPLODED = 1e100
-"""Derivative of a reading [m] by an unknown that is no number any more."""
+_LARGEST = float(np.finfo(np.float64).max) ** 0.25
+"""Derivative of a reading [m] by an unknown up to which sums of squares are numbers. One that
+explodes (a state far faster than the steps) says nothing."""
 GONE = 1e-6
 """Share of a column, or of its square, below which other columns have explained it away: far more
 than rounding and the error of a linearisation leave of it, far less than a record would show."""
@@ -75,8 +75,7 @@ class BasePoint:
         point = self._objective.linearised(theta)
         self._theta = theta
         m = self._objective.samples
-        # A derivative that explodes (a state far faster than the steps) says nothing.
-        sane = np.abs(point.jacobian[:m]).max(axis=0, initial=0.0) < _EXPLODED
+        sane = np.abs(point.jacobian[:m]).max(axis=0, initial=0.0) < _LARGEST
         free = [k for k, n in enumerate(fit.names) if n not in fit.at_bound and sane[k]]
         scaled = self.colour.whitened((point.jacobian * self._unknowns.scale)[:m, free])
         norms = np.linalg.norm(scaled, axis=0)
@@ -106,15 +105,6 @@ class BasePoint:
     def project(self, column: FloatArray) -> FloatArray:
         """What the fitted parameters do not explain of a column."""
         return np.asarray(column - self._basis @ (self._basis.T @ column))
-
-    def left_beside(self, other: BasePoint) -> float:
-        """Error [m] where the parameters of another fit to the same records explain as well.
-
-        To first order: what is left of this fit's residual beside the columns of both Jacobians.
-        """
-        more = self.project(other._basis)
-        size, *_ = np.linalg.lstsq(more, self.residual, rcond=GONE)
-        return float(np.sqrt(np.mean(np.square(self.residual - more @ size))))
 
     def directions(
         self, effect: Effect, grid: Sequence[Mapping[str, float]] | None = None
@@ -174,7 +164,7 @@ class BasePoint:
                 _, slope = simulators[key][index].with_sensitivities(numbers)
                 columns.append(slope[record.counted, 0])
             whole = self.colour.whitened(self._weight * np.concatenate(columns))
-            if not np.abs(whole).max(initial=0.0) < _EXPLODED:
+            if not np.abs(whole).max(initial=0.0) < _LARGEST:
                 continue
             yield Direction(dict(shapes), whole, self.project(whole))
 
@@ -199,12 +189,3 @@ class BasePoint:
         """Shape values that the records suggest for an absent effect."""
         record = self.question.campaign.records[0]
         return shape_grid(effect, record, record.position - self.fit.readings[0])
-
-
-def base_point(fit: Fit) -> BasePoint | None:
-    """The point of a fit; None where it cannot be simulated again, at the edge of stability."""
-    try:
-        point = BasePoint(fit)
-        return point if point.substeps else None
-    except NO_FIT:
-        return None

@@ -22,7 +22,7 @@ from piezo_opt.diagnosis.colour import Colour
 from piezo_opt.diagnosis.evidence import RESOLUTION, WORTH, charge, criterion, numbers
 from piezo_opt.diagnosis.members import Hypothesis, Members
 from piezo_opt.diagnosis.noise import is_noise
-from piezo_opt.diagnosis.refit import SETTLED, Halted, refit
+from piezo_opt.diagnosis.refit import FIRST, ROUNDS, SETTLED, Halted, refit
 from piezo_opt.diagnosis.richer import freed
 from piezo_opt.errors import NO_FIT
 from piezo_opt.identification import Fit, Identification, is_lag
@@ -32,8 +32,6 @@ from piezo_opt.identification.starting import starting_values
 from piezo_opt.stopping import Pool
 from piezo_opt.values import Values
 
-_FIRST, _ROUNDS = 5, 4
-"""Iterations of the first round, and rounds after it; each one doubles the iterations."""
 _KEPT = 4
 """Of so many rivals one goes on after a round."""
 _DEAREST = 8
@@ -243,8 +241,8 @@ class Book:
                 if fit is not None:
                     running.append((start, fit))
                     self._tell()
-            iterations = _FIRST
-            for _ in range(0 if self.brief else _ROUNDS):
+            iterations = FIRST
+            for _ in range(0 if self.brief else ROUNDS):
                 ahead: dict[Members, dict[bool, tuple[Start, Fit]]] = {}
                 for start, fit in running:
                     own = ahead.setdefault(start.members, {})
@@ -346,9 +344,7 @@ class Book:
         fit = None
         with suppress(*NO_FIT):
             question = start.members.question(self.question)
-            fit = self._refitted(
-                start.members, question, _own(values, question), _FIRST, mend=False
-            )
+            fit = self._refitted(start.members, question, _own(values, question), FIRST, mend=False)
         return start, fit
 
     def _further(self, running: tuple[Start, Fit], iterations: int) -> tuple[Start, Fit | None]:

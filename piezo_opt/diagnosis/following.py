@@ -15,8 +15,9 @@ from piezo_opt.identification.tall import triangle
 
 FloatArray = NDArray[np.float64]
 
-_PLAYS = (0.1, 0.3, 0.6)
-"""Widths over the drive's range: a loop of another shape leaves what such memories give."""
+WIDTHS = (0.15, 0.3, 0.5, 0.7)
+"""Of a loop, as shares of the drive's range: a factor of two apart or less. A law begins from each,
+and a loop of another shape leaves what plays of such widths give."""
 
 
 @final
@@ -123,7 +124,7 @@ def _library(fit: Fit, index: int) -> dict[str, FloatArray]:
     settle = np.log1p(since / record.step)
     plays = {
         f"the drive through a play of {share:.0%} of its range": play(v, 0.5 * share)
-        for share in _PLAYS
+        for share in WIDTHS
     }
     functions = {
         **plays,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from piezo_opt.diagnosis.base_point import ROUGH
 from piezo_opt.diagnosis.book import Book, Start
+from piezo_opt.diagnosis.following import WIDTHS
 from piezo_opt.diagnosis.members import Members
 from piezo_opt.diagnosis.richer import finer_form, freed, in_detail
 from piezo_opt.diagnosis.scores import Suspect
@@ -29,9 +30,6 @@ from piezo_opt.identification import Fit, Identification
 from piezo_opt.identification.shapes import elsewhere, own
 
 FloatArray = NDArray[np.float64]
-
-_SHARES = (0.15, 0.3, 0.5, 0.7)
-"""Of the drive's range: widths of a loop from which a law begins, a factor of two apart or less."""
 
 
 def adds(
@@ -384,7 +382,7 @@ def _laws_starts(law: Effect, drive: FloatArray) -> list[dict[str, float]]:
     low, high = float(drive.min()), float(drive.max())
     asked = {name: p for name, p in law.parameters.items() if not p.fixed}
     found = []
-    for share in _SHARES:
+    for share in WIDTHS:
         width = share * (high - low)
         begun = {}
         for name, p in asked.items():

@@ -19,7 +19,9 @@ from piezo_opt.values import Values
 CLOSE = 1e-5
 """Decrease of the cost in one iteration at which a refit ends: with ten thousand samples a tenth
 of what one number more costs (ln N) in the criterion."""
-SETTLED = 80
+FIRST, ROUNDS = 5, 4
+"""Iterations of the first round of a race, and rounds after it; each one doubles the iterations."""
+SETTLED = FIRST * 2**ROUNDS
 """Iterations after which a fit that is built upon has converged or never will."""
 
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from piezo_opt.diagnosis.refit import refit
+from piezo_opt.diagnosis.refit import FIRST, refit
 from piezo_opt.effects.base import Effect, Place
 from piezo_opt.effects.model import Model
 from piezo_opt.effects.motion.second_order import SecondOrder
@@ -32,8 +32,6 @@ _RESONANCES = 4
 _APART = 0.05
 """Logarithm of the ratio of natural frequencies from which resonances are two: the band of one with
 a damping ratio of 0.025, twice that of a usual flexure."""
-_GROUND = 10
-"""Iterations of a fit that others are scored at: its direction counts, not its last digit."""
 
 
 def in_detail(fit: Fit, *, quiet: bool = False) -> list[Richer]:
@@ -108,7 +106,7 @@ def on_spring(fit: Fit) -> Fit | None:
     A force f then acts as the displacement f / omega^2, at once.
     """
     try:
-        return refit(fit.question.with_model(fit.model + Spring()), fit.values, _GROUND)
+        return refit(fit.question.with_model(fit.model + Spring()), fit.values, 2 * FIRST)
     except NO_FIT:
         return None
 
@@ -116,9 +114,10 @@ def on_spring(fit: Fit) -> Fit | None:
 def on_mechanics(fit: Fit) -> Fit | None:
     """A quasi-static fit with free mechanics; None where it shows none."""
     best = fit
+    # Others are scored at it: its direction counts, not its last digit.
     for question, start in with_mechanics(fit)[:1]:
         with suppress(*NO_FIT):
-            best = min(best, refit(question, start, _GROUND), key=lambda one: one.rms)
+            best = min(best, refit(question, start, 2 * FIRST), key=lambda one: one.rms)
     return None if best is fit else best
 
 

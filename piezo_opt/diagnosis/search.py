@@ -34,8 +34,7 @@ from piezo_opt.units import show
 
 _BY_CHANCE = 0.05
 """Corrected p-value above which a score is no reason for a fit where a fit leaves noise: the usual
-level. An effect that is worth a name explains a ninth of what is left, and of some thousand samples
-even a hundredth has p-values far below it."""
+level. A score is of one step: what a refit would gain beside it may be far more."""
 
 
 @final

@@ -10,7 +10,6 @@ and whose candidates come from the spectrum.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -21,7 +20,7 @@ from piezo_opt.effects.model import Model
 from piezo_opt.identification.monitor import Monitor
 from piezo_opt.identification.objective import ENOUGH_A_SAMPLE, Objective
 from piezo_opt.identification.problem import Identification, Start
-from piezo_opt.identification.shapes import resolving, resonances, shape_grid
+from piezo_opt.identification.shapes import resonances, shape_grid
 from piezo_opt.identification.solvers.levenberg_marquardt import LevenbergMarquardt
 from piezo_opt.identification.stretch import busiest
 from piezo_opt.identification.unknowns import Unknowns, theta_of, unknowns
@@ -33,8 +32,6 @@ FloatArray = NDArray[np.float64]
 
 _WIDTHS = (1.0, 3.0, 10.0)
 """Trial widths of the loop, times one over the drive's range."""
-_JOINT_WIDTHS = (1.5, 5.0)
-"""The same, searched together with the shapes of an effect."""
 _ROUNDNESSES = (0.0, -1.0, 0.8)
 """Trial roundnesses, as a share of the width."""
 _DAMPINGS = (0.1, 0.02, 0.5)
@@ -50,14 +47,12 @@ _STRETCH = 2500
 _LOOPED, _TURNED = 20_000, 0.5
 """The same for the width of a loop, if the drive goes up and down by so much of its range there."""
 _FOLLOWED = 4
-"""Joint trials that are followed by a few Gauss-Newton steps."""
+"""Trials that are followed by a few Gauss-Newton steps."""
 _TELLING = 12
 """Steps that tell another minimum from a slow way to the same one."""
 _BETTER = 0.98
 """Cost over that of a fit up to which another start leads to a better one: half a percent of rms
 is within what a fit that ended early has left."""
-_APART = 3.0
-"""Ratio of a shape's values from which two starts are not the same."""
 _CHEAP = 1000
 """Samples up to which several trials are followed by a few Gauss-Newton steps."""
 
@@ -295,76 +290,6 @@ def _likeliest(
     return [*peaks, *sorted(grid, key=lambda omega: beside[omega])[:_LIKELIEST]]
 
 
-def joint_start(question: Identification, name: str) -> Values:
-    """The best of :func:`joint_starts`."""
-    return joint_starts(question, name)[0]
-
-
-def joint_starts(question: Identification, name: str, threads: int = 1) -> tuple[Values, ...]:
-    """Where to begin with an optional effect, as if the fit without it had never been; best first.
-
-    A fit without the effect has bent its loop to imitate it. Here the width of the loop and the
-    effect's shapes are searched together; everything that enters linearly follows. A second start
-    is the best one whose shapes are elsewhere, where there is one: beside details of the base
-    model that are not free yet the wrong one may be ahead.
-
-    Args:
-        question: the effect and the base model; values it gives are kept.
-        name: of the effect.
-        threads: trials that run at a time.
-    """
-    monitor = Monitor(())
-    model = question.model
-    start = dict(starting_values(question.with_model(model.without(name)), monitor))
-    start = {**Values.nominal(model), **start}
-    record = question.campaign.records[0]
-    swing = float(np.ptp(record.drive)) or 1.0
-    search = _Search(_light(question), monitor)
-    gate = model.gates[name]
-    null = model.parameters[gate].null
-    start[gate] = float(null if null is not None else 0.0)
-    loop = model.loop
-    widths = [
-        n for n in (f"{loop}.beta",)
-        if n in model.parameters and search.free(n) and model.parameters[n].unit == "1/V"
-    ]  # fmt: skip
-    gammas = [f"{loop}.gamma"] if widths and search.free(f"{loop}.gamma") else []
-    without = search.question.with_model(model.without(name))
-    residual = _Search(without, monitor).misfit(
-        {k: v for k, v in start.items() if k in Values.nominal(without.model) or "initial" in k}
-    )
-    begun = []
-    for shapes in shape_grid(model[name], record, residual):
-        _, farthest = resolving(model[name], shapes)
-        own = {f"{name}.{k}": v for k, v in shapes.items()}
-        for width in (*_JOINT_WIDTHS, None) if widths else (None,):
-            wide = {} if width is None else {**dict.fromkeys(widths, width / swing),
-                                             **dict.fromkeys(gammas, 0.0)}  # fmt: skip
-            begun.append(({**start, **own, **wide}, farthest))
-    begun.sort(key=lambda pair: -pair[1])
-    softest, *others = begun
-
-    def tried(one: tuple[dict[str, float], float]) -> tuple[float, dict[str, float], float]:
-        return *search.trial(one[0], (gate,), farthest=one[1]), one[1]
-
-    trials = [tried(softest)]  # which chooses the sub-steps of those that need none shorter
-    with ThreadPoolExecutor(max_workers=threads) as pool:
-        trials += pool.map(tried, others)
-        nearest = sorted(trials, key=lambda one: one[0])[:_FOLLOWED]
-        followed = list(pool.map(lambda one: search.followed(*one[1:]), nearest))
-    ranked = [found for _, found in sorted(followed, key=lambda pair: pair[0])]
-    best = ranked[0]
-    shaping = sorted(k for k in best if k.startswith(f"{name}.") and k != gate)
-    other = next((found for found in ranked[1:] if _elsewhere(found, best, shaping)), None)
-    return tuple(Values({**start, **one}) for one in (best, other) if one is not None)
-
-
-def _elsewhere(found: dict[str, float], best: dict[str, float], shapes: Sequence[str]) -> bool:
-    """Whether one start has a shape of another size than another start."""
-    sizes = [(abs(found[k]), abs(best[k])) for k in shapes if found[k] and best[k]]
-    return any(not best_k / _APART < k < best_k * _APART for k, best_k in sizes)
-
-
 def _light(question: Identification) -> Identification:
     """The question about its first record only: enough for a start."""
     first = question.campaign.records[0]
@@ -401,12 +326,9 @@ class _Search:
         self._monitor = monitor
         self._objective: Objective | None = None
         self._unknowns: Unknowns | None = None
-        self._finer: dict[float, Objective] = {}
         self._linear_of: dict[tuple[str, ...], NDArray[np.intp]] = {}
 
-    def _ready(
-        self, start: dict[str, float], farthest: float = np.inf
-    ) -> tuple[Objective, Unknowns]:
+    def _ready(self, start: dict[str, float]) -> tuple[Objective, Unknowns]:
         if self._objective is None or self._unknowns is None:
             self._unknowns = unknowns(self.question, Values(start))
             at = theta_of(self._unknowns, start)
@@ -414,36 +336,20 @@ class _Search:
                 self.question, self._unknowns, at, self._monitor, _ROUGH, most=ENOUGH_A_SAMPLE,
                 exact=True,
             )  # fmt: skip
-        if farthest == np.inf:
-            return self._objective, self._unknowns
-        if farthest not in self._finer:
-            at = theta_of(self._unknowns, start)
-            finer = tuple(
-                replace(a, substeps=replace(a.substeps, farthest=farthest))
-                for a in self._objective.accuracy
-            )
-            self._finer[farthest] = Objective(
-                self.question, self._unknowns, at, self._monitor, accuracy=finer
-            )
-        return self._finer[farthest], self._unknowns
-
-    def projected(self, start: dict[str, float], extra: Sequence[str] = ()) -> dict[str, float]:
-        """Values after one linear step in gains, offset, initial states and ``extra``."""
-        return self.trial(start, extra)[1]
+        return self._objective, self._unknowns
 
     def trial(
         self,
         start: dict[str, float],
         extra: Sequence[str] = (),
         worst: float = np.inf,
-        farthest: float = np.inf,
     ) -> tuple[float, dict[str, float]]:
         """Cost and values after one linear step, or at the start if the step is worse.
 
         A step that would not lead below the cost ``worst`` is not simulated. Sub-steps are those
-        that the first trial chose, in none of which the motion goes farther than ``farthest`` [m].
+        that the first trial chose.
         """
-        objective, unknown = self._ready(start, farthest)
+        objective, unknown = self._ready(start)
         theta = theta_of(unknown, start)
         point = objective.linearised(theta)
         cost = objective.cost_at(point)
@@ -487,10 +393,10 @@ class _Search:
         return not declared.fixed or name in self.question.free
 
     def followed(
-        self, start: dict[str, float], farthest: float = np.inf, iterations: int = 4
+        self, start: dict[str, float], iterations: int = 4
     ) -> tuple[float, dict[str, float]]:
         """Cost and values after some Gauss-Newton steps in all unknowns."""
-        objective, unknown = self._ready(start, farthest)
+        objective, unknown = self._ready(start)
         solution = LevenbergMarquardt(iterations=iterations, tolerance=1e-4).minimise(
             objective, theta_of(unknown, start)
         )

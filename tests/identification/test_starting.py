@@ -15,15 +15,12 @@ from piezo_opt.effects import (
     CubicStiffness,
     DeadZone,
     Effect,
-    Friction,
     SecondMode,
 )
 from piezo_opt.identification import Ending, starting
 from piezo_opt.identification.monitor import Monitor
-from piezo_opt.identification.shapes import resolving
 from piezo_opt.identification.starting import (
     _Search,
-    joint_starts,
     resonance_start,
     starting_values,
 )
@@ -357,44 +354,6 @@ def test_a_trial_that_would_lead_nowhere_is_not_simulated_again() -> None:
         assert again >= cost
         assert values == (found if simulated else begin)
     assert looked > 0
-
-
-def test_a_stiff_contact_is_tried_on_sub_steps_of_its_own_and_no_other_is() -> None:
-    """The motion runs through it several times a sample; what is soft need not pay for that."""
-    measured, truth = ringing(140.0)
-    model = MOVING + Friction()
-    search = _Search(po.Identification(model, measured), Monitor(()))
-    stroke = float(np.ptp(measured.position))
-    begin = {**po.Values.nominal(model), **truth, "friction.F": 0.0}
-    soft, stiff = ({**begin, "friction.z0": share * stroke} for share in (0.3, 2e-3))
-    cost, _ = search.trial(soft, ("friction.F",))
-    coarse = search._ready(soft)[0].simulators[0].substeps(soft)
-    farthest = resolving(Friction(), {"z0": 2e-3 * stroke})[1]
-    again, found = search.trial(stiff, ("friction.F",), farthest=farthest)
-    fine = search._ready(stiff, farthest)[0].simulators[0].substeps(stiff)
-    assert fine > 1.5 * coarse
-    assert search._ready(soft)[0].simulators[0].substeps(soft) == coarse
-    assert again == pytest.approx(cost, rel=0.2)
-    assert abs(found["friction.F"]) < 1e8
-
-
-def test_the_softest_contact_chooses_the_sub_steps_of_a_joint_search(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Where a record begins in motion the stiffest one would choose far too many for all."""
-    measured, _ = ringing(140.0)
-    ways: list[float] = []
-    tried = _Search.trial
-
-    def watched(self: _Search, *given: Any, **more: Any) -> Any:
-        ways.append(more.get("farthest", np.inf))
-        return tried(self, *given, **more)
-
-    monkeypatch.setattr(_Search, "trial", watched)
-    joint_starts(po.Identification(MOVING + Friction(), measured), "friction")
-    joint = [way for way in ways if way < np.inf]
-    assert len(set(joint)) > 1
-    assert joint[0] == max(joint)
 
 
 def test_the_search_hands_over_a_start_near_the_answer() -> None:
