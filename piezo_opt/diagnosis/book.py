@@ -273,6 +273,11 @@ class Book:
                         running.append((start, fit))
         self._recolour()
 
+    def tidy(self, starts: Sequence[Start], *, beyond: float = math.inf) -> None:
+        """Fit what may say the same with less; nothing where the time is over."""
+        if not self.brief:
+            self.race(starts, beyond=beyond)
+
     def _recolour(self) -> None:
         """Take the noise's colour from the closest fit, by the criterion of white noise.
 

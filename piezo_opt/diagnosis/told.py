@@ -155,7 +155,7 @@ def _lean_rivals(book: Book) -> None:
         if bare not in book and book.price(members) - _saved(book, members, bare) < (
             book.price(book.best) + RESOLUTION
         ):
-            book.race([Start(bare, dict(book[members].values))], beyond=worst)
+            book.tidy([Start(bare, dict(book[members].values))], beyond=worst)
 
 
 def _saved(book: Book, more: Members, less: Members) -> float:
@@ -175,7 +175,7 @@ def _at_home(book: Book, best: Members) -> Members:
 
     Beside what the set found beside another law the own one may never have been fitted.
     """
-    book.race(at_home(best, book.settled(best), book))
+    book.tidy(at_home(best, book.settled(best), book))
     even = (
         m for m in book.leading
         if (m.names, m.law) == (best.names, book.base.law)
@@ -281,11 +281,11 @@ def _lean(book: Book, best: Members) -> Members:
     for free in ((), *fewer) if fewer else ():
         less = replace(best, free=free)
         # Also one that was fitted: from elsewhere it may have got stuck.
-        book.race([Start(less, dict(book[best].values))], beyond=_even(book, best, less))
+        book.tidy([Start(less, dict(book[best].values))], beyond=_even(book, best, less))
         if less in book and book.price(less) < book.price(best):
             return less
     for start in still(best, book[best], book.question)[:1]:
-        book.race([start], beyond=book[best].rms * (1.0 + CLOSE))
+        book.tidy([start], beyond=book[best].rms * (1.0 + CLOSE))
         less = start.members
         if less in book and book.price(less) < book.price(best):
             return less

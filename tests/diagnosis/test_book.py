@@ -84,6 +84,16 @@ def test_a_fit_is_interrupted_on_its_way_and_what_it_has_reached_is_kept() -> No
     assert book.refits == 2
 
 
+def test_where_the_time_is_over_nothing_more_is_tidied_up() -> None:
+    book = opened(CREEPING)
+    start = Start(book.base.with_(Creep(1)), None)
+    book.hurry()
+    book.tidy([start])
+    assert book.refits == 0
+    book.race([start])
+    assert book.refits == 1
+
+
 def test_sub_steps_are_as_fine_as_what_is_left_asks_for() -> None:
     """A resonance that is swept through: its range is large, and noise far below a usual share."""
     time, noise = clock(2000, 2000.0), 0.2 * NOISE
