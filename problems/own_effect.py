@@ -219,7 +219,7 @@ def check_way(base: po.Fit, diagnosis: Diagnosis, formula: po.Fit) -> None:
 def main() -> None:
     """Tell the story, and print the answer beside the truth."""
     base = po.solve(question())
-    diagnosis = diagnose(base, max_time=300.0)
+    diagnosis = diagnose(base, effort=po.Effort.QUICK, max_time=300.0)
     print(diagnosis)
     left = diagnosis.unexplained
     assert left is not None

@@ -108,9 +108,9 @@ def test_p_values_of_records_that_hide_nothing_are_counted_below_each_level() ->
 
 @pytest.fixture(scope="module")
 def small() -> HiddenTable:
-    """One record each of four classes, a quarter as long as usual."""
+    """One record each of four classes, a seventh as long as usual."""
     classes = ["none", "sensor_nonlinearity", "mains_pickup", "stick_events"]
-    return hidden_bench(classes, 1, samples=2000)
+    return hidden_bench(classes, 1, samples=1200)
 
 
 def test_a_small_bench_is_right(small: HiddenTable) -> None:
@@ -245,7 +245,7 @@ def test_the_plainest_search_names_what_the_criterion_prefers() -> None:
 
 def test_without_its_row_of_the_catalogue_an_effect_stays_unexplained() -> None:
     classes = ["none", "friction", "stick_events"]
-    found = hidden_bench(classes, 1, samples=1500, leave_out=True, max_time=math.inf)
+    found = hidden_bench(classes, 1, samples=1100, leave_out=True, max_time=math.inf)
     (row,) = found.rows
     assert (row.label, row.sort, row.verdict, row.error) == (
         "friction", "left out", "unexplained", "",

@@ -157,7 +157,10 @@ def test_withheld_effects_are_not_considered(parts: tuple[Path, Path], tmp_path:
     withheld = set(but("drift", "asymmetry", "friction", "delay"))
     assert "creep" in withheld
     options = [word for name in sorted(withheld) for word in ("--withhold", name)]
-    done = run("diagnose", parts[0], "--split", "20 s", *options, "--json", out, *PATIENCE)
+    done = run(
+        "diagnose", parts[0], "--split", "20 s", *options, "--json", out, *PATIENCE,
+        "--effort", "quick",
+    )  # fmt: skip
     assert done.exit_code == 0, done.output
     data = json.loads(out.read_text())
     assert not withheld & {s["effect"] for s in data["suspects"]}

@@ -85,7 +85,7 @@ def complete() -> Diagnosis:
 def unexplained() -> Diagnosis:
     """An interferometer's fringes, which the catalogue may not use."""
     fit = fitted(STILL, measured(STILL, TIME, rich(TIME), FRINGES))
-    return diagnose(fit, withhold=FEW)
+    return diagnose(fit, withhold=FEW, effort=po.Effort.QUICK)
 
 
 def test_missing(missing: Diagnosis) -> None:

@@ -208,7 +208,9 @@ def test_structure_is_told_though_there_was_no_time_to_say_where_it_enters() -> 
     train, _ = hidden_effect.data().split(hidden_effect.SPLIT)
     hum = 10.0 * hidden_effect.noise_rms() * np.sin(300.0 * train.time)
     disturbed = replace(train, position=train.position + hum)
-    found = diagnose(disturbed, withhold=but("creep"), progress=interrupt)
+    found = diagnose(
+        disturbed, withhold=but("creep"), progress=interrupt, effort=po.Effort.QUICK
+    )  # fmt: skip
     assert found.stopped is Stopped.USER
     assert found.structure.left
     assert found.verdict == "unexplained"

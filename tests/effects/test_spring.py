@@ -106,7 +106,7 @@ def test_only_plays_are_put_back_on_their_balance() -> None:
     """A smooth law keeps its differential equation, which collocation needs."""
     assert assemble(PiezoGain() + BoucWen() + Spring() + Friction()).becomes is None
     model = PiezoGain() + BoucWen() + Spring() + Offset()
-    record = po.Measurement(TIME[:200], DRIVE[:200], 1e-7 * DRIVE[:200], allow_saturated=True)
+    record = po.Measurement(TIME[:60], DRIVE[:60], 1e-7 * DRIVE[:60], allow_saturated=True)
     question = po.Identification(model, record)
     collocated = po.solve(question, transcription=po.Collocation(), statistics=False)
     shot = po.solve(question, statistics=False)

@@ -46,13 +46,13 @@ def late_slew() -> Signals:
 
 
 SLACK: Final = 0.2
-"""Half width of the play in ``small_play`` [V]."""
+"""Half width of the play in ``short_small_play`` [V]."""
 
 
-def small_play() -> Signals:
+def short_small_play() -> Signals:
     """A play of the drive of 0.2 V under triangles of up to 90 V that become smaller."""
-    t = _clock(10_000, 2000)
-    u = 90 * (0.2 + 0.8 * np.exp(-t / 4)) * (1 - np.abs((2 * 1.7 * t) % 2 - 1))
+    t = _clock(5000, 2000)
+    u = 90 * (0.2 + 0.8 * np.exp(-t / 2)) * (1 - np.abs((2 * 1.7 * t) % 2 - 1))
     played = []
     now = 0.0
     for one in plant.fine(u, 10).tolist():
@@ -201,10 +201,10 @@ MODES: Final = ((250.0, 1.0, 0.03), (560.0, 0.5, 0.02), (1010.0, -0.3, 0.015))
 """Natural frequency [Hz], share in the reading and damping ratio."""
 
 
-def three_modes() -> Signals:
-    """50 to 1500 Hz in 2 s over three resonances that lie side by side."""
-    t = _clock(12_000, 6000)
-    c = plant.fine(10 * np.sin(2 * np.pi * (50 * t + 1450 / 4 * t * t)), 20)
+def short_three_modes() -> Signals:
+    """50 to 1500 Hz in 1 s over three resonances that lie side by side."""
+    t = _clock(6000, 6000)
+    c = plant.fine(10 * np.sin(2 * np.pi * (50 * t + 1450 / 2 * t * t)), 20)
     strain = plant.D * c - plant.loop(c)
     y = sum(
         share * plant.resonator(strain, 1 / 6000 / 20, 2 * np.pi * hertz, zeta)
@@ -223,8 +223,8 @@ class Kind(NamedTuple):
 KINDS: Final[dict[str, Kind]] = {
     "late_limit": Kind(late_limit, 1e-8),
     "late_slew": Kind(late_slew, 1e-8),
-    "small_play": Kind(small_play, 1e-8),
-    "three_modes": Kind(three_modes, 2e-9),
+    "short_small_play": Kind(short_small_play, 1e-8),
+    "short_three_modes": Kind(short_three_modes, 2e-9),
     "hardening": Kind(hardening, 1e-8),
     "quadratic_damping": Kind(quadratic_damping, 1e-8),
     "staircase": Kind(staircase, 1e-8),

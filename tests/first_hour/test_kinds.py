@@ -98,18 +98,17 @@ def test_what_happens_once_and_late_is_found(tmp_path: Path, name: str, effect: 
 
 
 def test_a_small_play_of_the_drive_is_found_with_its_width(tmp_path: Path) -> None:
-    answer = command(tmp_path, "diagnose", "small_play", *PATIENCE)
+    answer = command(tmp_path, "diagnose", "short_small_play", *PATIENCE)
     assert named(answer) == ["dead_zone"]
-    assert answer["rms_final"] < 1.05 * KINDS["small_play"].noise
+    assert answer["rms_final"] < 1.05 * KINDS["short_small_play"].noise
     found = answer["final_model"]["parameters"]["dead_zone.slack"]["value"]
     assert found == pytest.approx(SLACK, rel=0.05)
 
 
 def test_three_resonances_are_found_together(tmp_path: Path) -> None:
-    # Takes a minute: each mode more is sought from several frequencies.
-    answer = command(tmp_path, "diagnose", "three_modes", *PATIENCE)
+    answer = command(tmp_path, "diagnose", "short_three_modes", *PATIENCE)
     assert named(answer) == ["second_mode"]
-    assert answer["rms_final"] < 1.05 * KINDS["three_modes"].noise
+    assert answer["rms_final"] < 1.05 * KINDS["short_three_modes"].noise
     values = {name: one["value"] for name, one in answer["final_model"]["parameters"].items()}
     omegas = [value for name, value in values.items() if name.split(".")[1].startswith("omega")]
     assert np.sort(omegas) / (2 * np.pi) == pytest.approx([f for f, _, _ in MODES], rel=5e-3)

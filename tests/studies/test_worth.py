@@ -58,7 +58,7 @@ def test_on_one_plant_the_diagnosis_is_worth_what_the_study_says() -> None:
         1,
         controllers=("PID", "LQR", "inverse", "feedforward"),
         references=("triangle",),
-        samples=1500,
+        samples=1000,
     )
     (plant,) = found.plants
     assert plant.error == ""
